@@ -1,6 +1,7 @@
 #include "anigen/io/file_asset.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -105,31 +106,52 @@ void turn_rig(const Eigen::Matrix3d& rotation, Skeleton& skeleton, std::vector<A
   }
 }
 
-void remove_constant_scales(Asset& asset) {
+void divide_joint_scales(const std::vector<double>& scales, Asset& asset) {
   Skeleton& skeleton = asset.skeleton;
-  std::vector<double> removed(skeleton.size(), 1.0);  // at and above each joint
-  std::vector<char> is_constant(skeleton.size(), 0);
-  const auto above = [&](std::size_t j) { return skeleton.parents[j] < 0 ? 1.0 : removed[at(skeleton.parents[j])]; };
+  const auto above = [&](std::size_t j) { return skeleton.parents[j] < 0 ? 1.0 : scales[at(skeleton.parents[j])]; };
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    Transform& rest = skeleton.rest[j];
-    is_constant[j] = has_constant_scale(asset, j) ? 1 : 0;
-    removed[j] = above(j) * (is_constant[j] != 0 ? rest.scale.maxCoeff() : 1.0);
-    rest.translation *= above(j);
-    if (is_constant[j] != 0) rest.scale = Eigen::Vector3d::Ones();
-    skeleton.bind[j].topLeftCorner<3, 3>() /= removed[j];
+    skeleton.rest[j].translation *= above(j);
+    skeleton.rest[j].scale *= above(j) / scales[j];
+    skeleton.bind[j].topLeftCorner<3, 3>() /= scales[j];
   }
   for (Animation& animation : asset.animations) {
     for (Channel& channel : animation.channels) {
+      if (channel.path == ChannelPath::kRotation) continue;
       const std::size_t joint = at(channel.joint);
-      if (channel.path == ChannelPath::kTranslation) {
-        for (double& x : channel.values) x *= above(joint);
-      } else if (channel.path == ChannelPath::kScale && is_constant[joint] != 0) {
-        std::set<double> ends{channel.times.front(), channel.times.back()};  // so that the clip keeps its length
-        channel.times.assign(ends.begin(), ends.end());
-        channel.values.assign(3 * ends.size(), 1.0);
-      }
+      const double factor = above(joint) / (channel.path == ChannelPath::kScale ? scales[joint] : 1.0);
+      for (double& x : channel.values) x *= factor;
     }
   }
+}
+
+void remove_constant_scales(Asset& asset) {
+  const Skeleton& skeleton = asset.skeleton;
+  std::vector<double> scales(skeleton.size(), 1.0);  // at and above each joint
+  std::vector<char> is_constant(skeleton.size(), 0);
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    is_constant[j] = has_constant_scale(asset, j) ? 1 : 0;
+    if (skeleton.parents[j] >= 0) scales[j] = scales[at(skeleton.parents[j])];
+    if (is_constant[j] != 0) scales[j] *= skeleton.rest[j].scale.maxCoeff();
+  }
+  divide_joint_scales(scales, asset);
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    if (is_constant[j] != 0) asset.skeleton.rest[j].scale = Eigen::Vector3d::Ones();  // without the noise
+  }
+  for (Animation& animation : asset.animations) {
+    for (Channel& channel : animation.channels) {
+      if (channel.path != ChannelPath::kScale || is_constant[at(channel.joint)] == 0) continue;
+      std::set<double> ends{channel.times.front(), channel.times.back()};  // so that the clip keeps its length
+      channel.times.assign(ends.begin(), ends.end());
+      channel.values.assign(3 * ends.size(), 1.0);
+    }
+  }
+}
+
+void remove_bind_scales(Asset& asset) {
+  std::vector<double> scales;
+  for (const Eigen::Matrix4d& bind : asset.skeleton.bind)
+    scales.push_back(std::cbrt(std::abs(bind.topLeftCorner<3, 3>().determinant())));
+  divide_joint_scales(scales, asset);
 }
 
 Asset file_asset(const std::string& file, const Asset& asset, const ExportOptions& options) {
@@ -139,7 +161,6 @@ Asset file_asset(const std::string& file, const Asset& asset, const ExportOption
   turn_mesh(rotation, result.mesh);
   result.animations = options.animations ? file_animations(asset.animations) : std::vector<Animation>();
   turn_rig(rotation, result.skeleton, result.animations);
-  remove_constant_scales(result);
   if (result.skin.rows() > 0) result.skin = limit_influences(result.skin, options.influences);
   return result;
 }

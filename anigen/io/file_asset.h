@@ -9,7 +9,7 @@
 namespace anigen::io {
 
 /// An asset as writers of other formats than glTF put it down, all numbers in the file's axes (Y up): turned mesh, bind
-/// pose, rest pose and animations; without constant scales (remove_constant_scales()); normals of unit length; at most
+/// pose, rest pose and animations; normals of unit length; at most
 /// options.influences joints per vertex; without animations unless options say so, and of those without channels that
 /// have no keys or that a later one for the same property replaces.
 /// @throws InputError as write_gltf() does: validate() finds something wrong, or a mesh has no faces
@@ -18,10 +18,18 @@ Asset file_asset(const std::string& file, const Asset& asset, const ExportOption
 /// Turns a rig: bind pose, rest pose and clips. @param rotation proper
 void turn_rig(const Eigen::Matrix3d& rotation, Skeleton& skeleton, std::vector<Animation>& animations);
 
-/// Takes uniform scales that no clip changes out of the joints: the joints' places and what they do to vertices stay,
-/// in the bind pose, the rest pose and all clips. USD has 16 bits for scales that a clip may change, and Blender's FBX
-/// importer drops scales of the bind pose, so that what hangs on them goes astray.
+/// Divides the world scale of every joint by a number, at all times. Nothing moves: not the joints, and not what hangs
+/// on them, since the bind pose is divided too.
+/// @param scales [J], positive
+void divide_joint_scales(const std::vector<double>& scales, Asset& asset);
+
+/// Takes uniform scales that no clip changes out of the joints (divide_joint_scales()), for USD, which has 16 bits for
+/// scales that a clip may change.
 void remove_constant_scales(Asset& asset);
+
+/// Takes the scales of the bind pose out of the joints (divide_joint_scales()): of uneven ones their mean. Blender's
+/// importer of FBX drops these scales, so that joints below them would stand elsewhere.
+void remove_bind_scales(Asset& asset);
 
 /// The name, or with a number behind it the first that is not among `taken`.
 std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken);

@@ -109,7 +109,7 @@ TEST(EulerKeys, StraightLinesOfAnglesFollowTheArc) {
         const double time = angles.times[k - 1] + part * (angles.times[k] - angles.times[k - 1]);
         const Eigen::Vector4d q = keys.value_at(time);
         const Eigen::Vector3d between = (1.0 - part) * angles.degrees[k - 1] + part * angles.degrees[k];
-        worst = std::max(worst, rotation_of(between).angularDistance({q[3], q[0], q[1], q[2]}));
+        worst = std::max(worst, rotation_of(between).angularDistance(Eigen::Quaterniond(q[3], q[0], q[1], q[2])));
       }
     }
     EXPECT_LT(worst, 5e-3);  // near the pole of the angles the closest keys allowed decide

@@ -1,6 +1,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <utility>
 
 #include "anigen/core/numeric.h"
@@ -53,6 +54,29 @@ void add_curve(const Curves& curves, int axis, std::int64_t curve_node, Scene& s
   scene.connect(id, curve_node, names[axis]);
 }
 
+using Property = std::pair<int, ChannelPath>;  // of a joint
+
+std::set<Property> animated_properties(const std::vector<Animation>& animations) {
+  std::set<Property> properties;
+  for (const Animation& animation : animations) {
+    for (const Channel& channel : animation.channels) properties.emplace(channel.joint, channel.path);
+  }
+  return properties;
+}
+
+/// The rest pose's value at the start.
+Channel resting(const Property& property, const Skeleton& skeleton) {
+  const Transform& rest = skeleton.rest[at(property.first)];
+  Channel channel{property.first, property.second, Interpolation::kLinear, {0.0}, {}};
+  const auto set = [&channel](const auto& numbers) {
+    channel.values.assign(numbers.data(), numbers.data() + numbers.size());
+  };
+  if (property.second == ChannelPath::kTranslation) set(rest.translation);
+  if (property.second == ChannelPath::kRotation) set(rest.rotation.coeffs());
+  if (property.second == ChannelPath::kScale) set(rest.scale);
+  return channel;
+}
+
 }  // namespace
 
 std::vector<std::string> clip_names(const Asset& asset) {
@@ -64,6 +88,7 @@ std::vector<std::string> clip_names(const Asset& asset) {
 
 void add_clips(const Asset& asset, const std::vector<std::int64_t>& joints, Scene& scene) {
   const std::vector<std::string> names = clip_names(asset);
+  const std::set<Property> animated = animated_properties(asset.animations);
   for (std::size_t a = 0; a < asset.animations.size(); ++a) {
     const Animation& animation = asset.animations[a];
     std::int64_t stack = 0, layer = 0;
@@ -73,7 +98,11 @@ void add_clips(const Asset& asset, const std::vector<std::int64_t>& joints, Scen
     for (const char* const stop : {"LocalStop", "ReferenceStop"}) set_time(properties, stop, animation.duration());
     scene.object("AnimationLayer", names[a], "AnimLayer", "", layer).always_a_list();
     scene.connect(layer, stack);
-    for (const Channel& channel : animation.channels) {
+    std::vector<Channel> channels = animation.channels;
+    std::set<Property> missing = animated;
+    for (const Channel& channel : channels) missing.erase({channel.joint, channel.path});
+    for (const Property& property : missing) channels.push_back(resting(property, asset.skeleton));
+    for (const Channel& channel : channels) {
       const Curves curves = curves_of(channel);
       std::int64_t node = 0;
       Record& values = scene.object("AnimationCurveNode", curves.node, "AnimCurveNode", "", node).child("Properties70");

@@ -453,7 +453,8 @@ namespace anigen::io {
 
 void write_fbx(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options) {
   const std::string file = path.string();
-  const Asset turned = file_asset(file, asset, options);
+  Asset turned = file_asset(file, asset, options);
+  remove_bind_scales(turned);
   fbx_export::refuse_zero_bytes(turned, file);
   write_file_atomically(path, fbx_export::file_bytes(fbx_export::records_of(turned, file), file));
 }

@@ -15,8 +15,8 @@ namespace anigen::io {
 /// Frame: Y up, front +Z, one unit is a metre (UnitScaleFactor 100): Blender, Unity and ufbx (Godot) then show the
 /// asset in its size without a scaled node; Unreal wants "Convert Scene Unit". A node of the asset's name ("Null")
 /// holds the mesh and the root joint. Joints are nodes of type LimbNode in the rest pose, the bind pose stands in the
-/// clusters and in a Pose; every joint has a cluster, so that joints without weights stay joints. Scales are inherited
-/// as in glTF (InheritType RSrs).
+/// clusters and in a Pose, without scales (remove_bind_scales()); every joint has a cluster, so that joints without
+/// weights stay joints. Scales are inherited as in glTF (InheritType RSrs).
 ///
 /// What the format holds otherwise: a texture replaces the material's colour; vertex colours are sRGB, as Blender and
 /// three.js take them; rotations are Euler angles (euler_keys()); steps are short ramps (kStepRamp).
@@ -62,7 +62,8 @@ void set_time(Record& properties, const std::string& name, double seconds);
 
 std::int64_t ticks(double seconds);
 
-/// Appends stacks, layers, curve nodes and curves of the asset's animations.
+/// Appends stacks, layers, curve nodes and curves of the asset's animations. What one of them moves rests in those that
+/// do not, by a key: Blender keeps the pose of the clip that was shown before.
 /// @param joints [J] ids of the joints' nodes
 void add_clips(const Asset& asset, const std::vector<std::int64_t>& joints, Scene& scene);
 

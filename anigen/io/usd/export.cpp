@@ -58,7 +58,9 @@ void write_usd(const std::filesystem::path& path, const Asset& asset, const Expo
   if (!packed && !has_extension(path, {".usda"}))
     throw InputError(file, "", "a USD file must be called .usda or .usdz");
   const std::string folder = packed ? "textures" : file_stem(path.stem().string()) + "_textures";
-  usd_export::Stage stage = usd_export::stage_of(file_asset(file, asset, options), folder, file);
+  Asset turned = file_asset(file, asset, options);
+  remove_constant_scales(turned);
+  usd_export::Stage stage = usd_export::stage_of(turned, folder, file);
   if (!packed) {
     for (const usd_export::PackageFile& texture : stage.textures)
       write_file_atomically(path.parent_path() / folder / texture.name, texture.bytes);

@@ -33,7 +33,8 @@ struct Stage {
   std::vector<PackageFile> textures;
 };
 
-/// @param asset in the file's axes, as file_asset() makes it @param folder of the textures, as the text names it
+/// @param asset in the file's axes, as file_asset() makes it, without constant scales @param folder of the textures, as
+/// the text names it
 /// @throws InputError for an image that is neither PNG nor JPEG
 Stage stage_of(const Asset& asset, const std::string& folder, const std::string& file);
 

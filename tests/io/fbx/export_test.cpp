@@ -18,6 +18,7 @@
 namespace anigen::io {
 namespace {
 
+using test::rig_difference;
 using test::RigDifference;
 using test::small_asset;
 

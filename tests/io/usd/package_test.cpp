@@ -44,8 +44,9 @@ TEST(UsdPackage, HoldsItsFilesUncompressedAndAligned) {
     }
     const std::size_t extra = field(package, local + 28, 2), data = local + 30 + file.name.size() + extra;
     EXPECT_EQ(data % kPackageAlignment, 0u) << file.name;
-    if (extra > 0)
+    if (extra > 0) {
       EXPECT_EQ(field(package, local + 30 + file.name.size() + 2, 2), extra - 4) << "length of the padding";
+    }
     EXPECT_EQ(package.substr(data, file.bytes.size()), file.bytes);
     local = data + file.bytes.size();
     entry += 46 + file.name.size();
