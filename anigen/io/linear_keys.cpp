@@ -15,7 +15,7 @@ namespace {
 
 using Value = Eigen::Vector4d;
 
-constexpr double kSplineTolerance = 1e-4, kEulerTolerance = 2e-4;
+constexpr double kSplineTolerance = 2e-5, kEulerTolerance = 4e-5;
 constexpr double kLeastInterval = 1e-3;
 
 Eigen::Quaterniond quaternion_of(const Value& v) { return {v[3], v[0], v[1], v[2]}; }

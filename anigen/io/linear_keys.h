@@ -22,7 +22,7 @@ struct LinearKeys {
 inline constexpr double kStepRamp = 1e-3;
 
 /// A channel as such keys. Linear keys stay where they are. A step becomes a short ramp. A spline gets further keys
-/// where straight lines leave it by more than 1e-4 (rotations: 1e-4 rad; other values: of what they range over), no
+/// where straight lines leave it by more than 2e-5 (rotations: 2e-5 rad; other values: of what they range over), no
 /// closer than 1/1000 s.
 /// @pre validate() finds nothing wrong with the channel, and it has a key
 LinearKeys linear_keys(const Channel& channel);
@@ -34,7 +34,7 @@ struct EulerKeys {
 };
 
 /// Keys stand where the rotation has them, and between them where straight lines of angles leave the arc by more than
-/// 2e-4 rad. @pre keys.rotates
+/// 4e-5 rad. @pre keys.rotates
 EulerKeys euler_keys(const LinearKeys& keys);
 
 /// Angles (x, y, z) of R = Rz · Ry · Rx in degrees, those nearest to `near` of all that give R.

@@ -142,7 +142,11 @@ class UsdaParser {
 
   void attribute(UsdaPrim& prim) {
     if (token_ == "uniform") next();
-    const std::string type = take(), name = take();
+    const std::string type = take();
+    std::string name = take();
+    constexpr std::string_view kSamples = ".timeSamples";
+    if (name.size() > kSamples.size() && name.compare(name.size() - kSamples.size(), kSamples.size(), kSamples) == 0)
+      name.resize(name.size() - kSamples.size());
     if (prim.types.count(name) != 0) fail("a second " + name);
     prim.types[name] = type;
     UsdaValue& held = prim.attributes[name];
