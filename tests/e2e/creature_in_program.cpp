@@ -1,7 +1,7 @@
 // Exports a procedural creature and hands it to another program:
 //   creature_in_program COMMAND...
-// where {glb} and {fbx} stand for the creature's file and {png} for a picture that the program may write. The exit code is the
-// program's; 77, skipped, when there is no such program.
+// where {glb} and {fbx} stand for the creature's file and {png} for a picture that the program may write. The exit code
+// is the program's; 77, skipped, when there is no such program.
 #include <cstdio>
 #include <exception>
 #include <string>

@@ -12,13 +12,13 @@ namespace anigen::io {
 
 /// Writes a binary FBX 7.4 file, atomically. The same asset gives the same bytes.
 ///
-/// Frame: Y up, front +Z, one unit is a metre (UnitScaleFactor 100): Blender, Unity and ufbx (Godot) then show the
-/// asset in its size without a scaled node; Unreal wants "Convert Scene Unit". A node of the asset's name ("Null")
+/// Frame: Y up, front +Z, one unit is a metre (UnitScaleFactor 100): a reader that follows the unit, as Blender does,
+/// needs no scaled node, which centimetres would bring. A node of the asset's name ("Null")
 /// holds the mesh and the root joint. Joints are nodes of type LimbNode in the rest pose, the bind pose stands in the
 /// clusters and in a Pose, without scales (remove_bind_scales()); every joint has a cluster, so that joints without
 /// weights stay joints. Scales are inherited as in glTF (InheritType RSrs).
 ///
-/// What the format holds otherwise: a texture replaces the material's colour; vertex colours are sRGB, as Blender and
+/// Limits of the format: a texture replaces the material's colour; vertex colours are sRGB, as Blender and
 /// three.js take them; rotations are Euler angles (euler_keys()); steps are short ramps (kStepRamp).
 /// @throws InputError as write_gltf() does; NotSupportedError for names with a zero byte, and above 4 GiB
 void write_fbx(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options = {});

@@ -17,7 +17,7 @@ namespace anigen::io {
 /// UsdPreviewSurface materials. Prims and joints have identifiers made from their names; the names themselves stand in
 /// customData and in the skeleton's jointNames.
 ///
-/// What the format holds otherwise: scales of animated poses have 16 bits, so uniform scales that never change are
+/// Limits of the format: scales of animated poses have 16 bits, so uniform scales that never change are
 /// taken out of the joints first (remove_constant_scales()); steps are short ramps (kStepRamp); where a mesh has vertex
 /// colours and no texture, they are multiplied with the material's colour.
 /// @throws InputError as write_gltf() does, and for another extension; NotSupportedError as package_bytes()

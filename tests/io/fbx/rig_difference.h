@@ -7,7 +7,7 @@
 
 namespace anigen::test {
 
-/// How far an asset that was written and read again is from what it was. Joints are matched by name, corners of faces
+/// Differences of an asset that was written and read again. Joints are matched by name, corners of faces
 /// in the order of materials and faces; lengths are in parts of the mesh's (without a mesh the joints') diagonal.
 struct RigDifference {
   std::vector<std::string> broken;  ///< counts, names, parents and clips that differ: then numbers below may be missing
