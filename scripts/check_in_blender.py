@@ -1,6 +1,6 @@
-"""Opens rigged GLB files in Blender, turns a bone of each, and looks whether the right vertices move.
+"""Opens rigged GLB and FBX files in Blender, turns a bone of each, and looks whether the right vertices move.
 
-    blender --background --factory-startup --python scripts/check_in_blender.py -- FILE.glb...
+    blender --background --factory-startup --python scripts/check_in_blender.py -- FILE...
 
 For every file: one armature, at least one mesh bound to it, weights of every vertex summing to 1. The bone that holds
 most of the mesh, but not nearly all of it, is turned by 40 degrees. All below a bone moves rigidly with it, so a vertex
@@ -19,9 +19,10 @@ from mathutils import Quaternion
 STILL = 1e-5
 EXACT = 1e-4
 
-# The importer of Debian 12's Blender (3.4) uses a name that its numpy (1.24) no longer has.
-if not hasattr(numpy, "bool"):
-    numpy.bool = bool
+# The importers of Debian 12's Blender (3.4) use names that its numpy (1.24) no longer has.
+for name, meant in (("bool", bool), ("float", float), ("int", int), ("object", object)):
+    if name not in numpy.__dict__:
+        setattr(numpy, name, meant)
 
 
 def moved_positions(mesh):
@@ -44,7 +45,10 @@ def require(condition, message):
 
 def check(path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.import_scene.gltf(filepath=path)
+    if path.lower().endswith(".fbx"):
+        bpy.ops.import_scene.fbx(filepath=path)
+    else:
+        bpy.ops.import_scene.gltf(filepath=path)
     armatures = [o for o in bpy.data.objects if o.type == "ARMATURE"]
     require(len(armatures) == 1, f"{len(armatures)} armatures")
     armature = armatures[0]

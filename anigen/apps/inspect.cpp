@@ -10,6 +10,7 @@
 #include "anigen/eval/inspect.h"
 #include "anigen/eval/lint_files.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/write_rigged.h"
 
 namespace {
 
@@ -28,10 +29,11 @@ void sort_outputs(InspectOptions& options) {
   for (const std::string& output : options.outputs) {
     std::string extension = std::filesystem::path(output).extension().string();
     for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    if (extension != ".png" && extension != ".glb" && extension != ".gltf")
-      throw InputError(output, "--output", "expected .png for an image of the file, .glb or .gltf for its contents");
+    if (extension != ".png" && !io::is_rigged_output(output))
+      throw InputError(output, "--output",
+                       "expected .png for an image of the file; .glb, .gltf, .fbx, .usdz or .usda for its contents");
     std::string& file = extension == ".png" ? options.image : options.exported;
-    if (!file.empty()) throw InputError(output, "--output", "one image and one .glb or .gltf at most");
+    if (!file.empty()) throw InputError(output, "--output", "one image and one file of its contents at most");
     file = output;
   }
 }
@@ -48,7 +50,7 @@ void use_asset(const std::string& file, const Asset& asset, const InspectOptions
     exported.influences = options.influences;
     exported.axes = options.axes == "published" ? io::ExportAxes::kPublished : io::ExportAxes::kGltf;
     exported.require_rig = false;
-    io::write_gltf(options.exported, asset, exported);
+    io::write_rigged(options.exported, asset, exported);
   }
 }
 
@@ -147,14 +149,15 @@ int main(int argc, char** argv) {
       "  anigen-inspect statue.obj walk.bvh photo.jpg\n"
       "  anigen-inspect 'shard.npz#UUID' -o one.glb\n"
       "  anigen-inspect fox.gltf -o fox.glb --influences 8\n"
+      "  anigen-inspect fox.glb -o fox.fbx\n"
       "  anigen-inspect runs/skin_ae --json\n"
       "  anigen-inspect ckpts/anigen/* --weights");
   CLI::App& app = program.app;
   InspectOptions options;
   add_option(app, "files", options.files)->required();
   add_option(app, "--output", options.outputs,
-             ": .png draws what the file has (colour, weights, skeleton), .glb and .gltf hold its mesh, rig or motion; "
-             "repeatable");
+             ": .png draws what the file has (colour, weights, skeleton); .glb, .gltf, .fbx, .usdz and .usda hold its "
+             "mesh, rig and motion; repeatable");
   add_option(app, "--influences", options.influences)->check(whole_number(1, 64));
   add_option(app, "--axes", options.axes);
   add_option(app, "--influence-loss", options.influence_loss);
@@ -171,9 +174,9 @@ int main(int argc, char** argv) {
     }
     refuse_given(app, {"--lint-level"}, "is of --lint");
     sort_outputs(options);
-    if (options.exported.empty()) refuse_given(app, {"--axes"}, "is of the .glb or .gltf of --output");
+    if (options.exported.empty()) refuse_given(app, {"--axes"}, "is of the contents in --output");
     if (options.exported.empty() && !options.influence_loss)
-      refuse_given(app, {"--influences"}, "is of the .glb or .gltf of --output, and of --influence-loss");
+      refuse_given(app, {"--influences"}, "is of the contents in --output, and of --influence-loss");
     run(options, program.common);
   });
 }

@@ -8,6 +8,7 @@
 #include "anigen/eval/describe.h"
 #include "anigen/io/image.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/write_rigged.h"
 #include "anigen/rigging/rig_meshes.h"
 
 namespace {
@@ -21,6 +22,14 @@ void use_models(RigArguments& options, const CommonOptions& common) {
   if (!options.skin_model.empty() && !options.skin.empty())
     throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
   options.request.learned = torch_half("trained models").learned_steps(options, common);
+}
+
+/// The extension of a file says its format already. @throws InputError where --format says another
+void refuse_format_of_file(const RigArguments& options) {
+  const std::filesystem::path& out = options.request.out;
+  if (!io::is_rigged_output(out)) return;  // a folder, of the shapes that one file holds
+  if (!io::has_extension(out, {"." + options.format}))
+    throw InputError(out.string(), "--format", "the file's extension says another format than " + options.format);
 }
 
 void rig_files(RigArguments& options, const CommonOptions& common) {
@@ -37,6 +46,10 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
   request.joints.keep_skeleton = !options.new_skeleton;
+  if (!options.format.empty()) {
+    request.format = options.format;
+    if (std::filesystem::is_regular_file(options.mesh)) refuse_format_of_file(options);
+  }
   if (options.influences)
     request.influences = request.binding.geodesic.most_influences = request.binding.heat.most_influences =
         *options.influences;
@@ -83,6 +96,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
       ->check(whole_number(0, 1024))
       ->default_str(std::to_string(request.binding.heat.most_influences));
   add_option(app, "--no-graft", options.no_graft);
+  add_option(app, "--format", options.format);
   add_option(app, "--preview", options.preview);
 }
 
@@ -135,34 +149,13 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   const std::string& method = options.method;
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
-    refuse_given(app,
-                 {"--mesh",
-                  "--mesh-split",
-                  "--mesh-up",
-                  "--skin",
-                  "--skeleton",
-                  "--new-skeleton",
-                  "--template",
-                  "--geovoxel-resolution",
-                  "--falloff",
-                  "--curve-joints",
-                  "--influences",
-                  "--no-graft",
-                  "--preview",
-                  "--joint-model",
-                  "--connectivity-model",
-                  "--skin-model",
-                  "--skin-run",
-                  "--points",
-                  "--joint-distance",
-                  "--seed",
-                  "--bone-axes",
-                  "--height",
-                  "--ground",
-                  "--root-bone",
-                  "--names",
-                  "--author",
-                  "--copyright"},
+    refuse_given(app, {"--mesh",       "--mesh-split",   "--mesh-up",     "--skin",
+                       "--skeleton",   "--new-skeleton", "--template",    "--geovoxel-resolution",
+                       "--falloff",    "--curve-joints", "--influences",  "--no-graft",
+                       "--format",     "--preview",      "--joint-model", "--connectivity-model",
+                       "--skin-model", "--skin-run",     "--points",      "--joint-distance",
+                       "--seed",       "--bone-axes",    "--height",      "--ground",
+                       "--root-bone",  "--names",        "--author",      "--copyright"},
                  whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
@@ -225,7 +218,8 @@ int main(int argc, char** argv) {
       "anigen-rig",
       "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.",
       "  anigen-rig statue.glb -o rigged.glb --preview\n"
-      "  anigen-rig --method curve -m meshes/ -o rigged/\n"
+      "  anigen-rig statue.glb -o rigged.fbx\n"
+      "  anigen-rig --method curve -m meshes/ -o rigged/ --format usdz\n"
       "  anigen-rig hero.glb --height 1.8 --ground --names unreal --root-bone -o hero_unreal.glb\n"
       "  anigen-rig hero.glb --author \"A. Name\" -o hero.vrm\n"
       "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"
@@ -251,7 +245,8 @@ int main(int argc, char** argv) {
   add_engine_options(app, options);
   add_model_options(app, options);
   add_dataset_options(app, options);
-  add_option(app, "--output", options.request.out, ": folder; for one mesh the file, .glb or, of a humanoid, .vrm")
+  add_option(app, "--output", options.request.out,
+             ": folder; for one mesh the file: .glb, .gltf, .fbx, .usdz, .usda or, of a humanoid, .vrm")
       ->required();
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {

@@ -20,6 +20,8 @@
 #include "anigen/io/gltf/graft.h"
 #include "anigen/io/gltf/rig.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/write_rigged.h"
+#include "anigen/rigging/write_rig.h"
 
 namespace anigen::rigging {
 
@@ -27,9 +29,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Points = std::vector<Eigen::Vector3d>;
-
-/// Angle of the upper arms from the horizontal that still is a T-pose.
-constexpr double kTPoseDegrees = 20.0;
 
 double mean_nearest_distance(const Points& from, const Points& to) {
   double sum = 0.0;
@@ -170,7 +169,17 @@ fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const
   if (source.is_single_file()) return request.out;
   if (!names_file_below(id))
     throw InputError(source.describe(), "", "the id \"" + id + "\" names no file below a folder");
-  return request.out / (id + ".glb");
+  return request.out / (id + "." + request.format);
+}
+
+/// @throws InputError when the files to write have no format that rigs are written in
+void refuse_formats(const RigRequest& request, const io::ShapeSource& source) {
+  if (io::has_extension(request.out, {".vrm"})) return refuse_unfit_vrm(request, source);
+  if (source.is_single_file() ? io::is_rigged_output(request.out) : io::is_rigged_output("rig." + request.format))
+    return;
+  throw InputError(
+      source.is_single_file() ? request.out.string() : request.format, "--output",
+      "rigs are written as ." + joined(io::rigged_format_words(), ", .", [](const std::string& w) { return w; }));
 }
 
 /// Everything that is read for these meshes.
@@ -222,15 +231,6 @@ SkinWeights bound(const Asset& asset, const RigRequest& request, std::string& no
   }
 }
 
-void add_note(const std::string& note, RigReport& report) {
-  if (!note.empty()) report.note += (report.note.empty() ? "" : ", ") + note;
-}
-
-/// The skeleton of an engine's rig. Joints have no axes of their own here; a body that was turned took them along.
-Skeleton oriented(const EngineRig& rig, const EngineOptions& options) {
-  return options.axes == BoneAxes::kAlong ? rig.skeleton : io::unrotated_in_file(rig.skeleton, io::ExportAxes::kGltf);
-}
-
 Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
              RigReport& report) {
   const auto started = std::chrono::steady_clock::now();
@@ -262,94 +262,6 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
   asset.skin = learned.bind ? learned.bind(shape, asset.skeleton) : bound(asset, request, report.note);
   report.binding_seconds = seconds_since(found);
   return asset;
-}
-
-/// The skeleton as read_gltf() would have it, of one whose shape was read with these axes.
-/// @param unrotated its joints have no rotation in the file
-Skeleton in_format_axes(Skeleton skeleton, io::Axes axes, bool unrotated) {
-  if (axes != io::Axes::kZUp) return skeleton;
-  const io::gltf_import::FoldedTransform turn = io::gltf_import::y_up_to_z_up();
-  for (Eigen::Matrix4d& bind : skeleton.bind) bind = turn.matrix() * bind;
-  skeleton.rest = bind_pose(skeleton);
-  return unrotated ? io::unrotated_in_file(skeleton, io::ExportAxes::kGltf) : skeleton;
-}
-
-bool is_vrm(const fs::path& file) { return io::has_extension(file, {".vrm"}); }
-
-/// The members of VRM for an asset and the rig of its engine; nothing for other files.
-io::RootExtensions extensions_of(const RigRequest& request, const Asset& asset, const Humanoid& humanoid,
-                                 RigReport& report) {
-  if (!is_vrm(report.file)) return {};
-  const double degrees = degrees_from_t_pose(asset.skeleton, humanoid);
-  if (degrees > kTPoseDegrees) {
-    log::warn(
-        "{}: the upper arms are {:.0f} degrees off the horizontal; VRM expects a T-pose, and motions made for "
-        "one will bend the arms by as much",
-        report.id, degrees);
-  }
-  VrmMeta meta = request.vrm;
-  if (meta.name.empty()) meta.name = asset.name;
-  const std::vector<Spring> springs = find_springs(asset.skeleton, humanoid, asset.mesh, asset.skin);
-  const auto bones =
-      std::count_if(humanoid.joints.begin(), humanoid.joints.end(), [](int joint) { return joint >= 0; });
-  add_note(std::to_string(bones) + " bones, " + std::to_string(springs.size()) + " springs", report);
-  return [skeleton = asset.skeleton, humanoid, springs, meta](const std::vector<int>& node_of_joint) {
-    return vrm_extensions(skeleton, humanoid, springs, meta, node_of_joint);
-  };
-}
-
-/// Options of a graft for the rig of an engine, and the skeleton that goes with them.
-/// @param asset with that rig @param given the skeleton before it
-Skeleton grafted_skeleton(const RigRequest& request, const EngineRig& rig, const Asset& asset, const Skeleton& given,
-                          io::GraftOptions& options) {
-  if (rig.has_given_joints) {
-    // A file's own joints are known by their names.
-    options.names = asset.skeleton.names;
-    Skeleton skeleton = in_format_axes(asset.skeleton, request.axes, true);
-    for (std::size_t j = 0; j < given.size(); ++j) skeleton.names[at(rig.new_joint[j])] = given.names[j];
-    return skeleton;
-  }
-  const Eigen::Matrix4d turn = io::gltf_import::y_up_to_z_up().matrix();
-  options.placement = rig.placement;
-  if (request.axes == io::Axes::kZUp && rig.placement != Eigen::Matrix4d::Identity())
-    options.placement = turn * rig.placement * turn.transpose();
-  options.replace = true;
-  return in_format_axes(asset.skeleton, request.axes, request.engine.axes != BoneAxes::kAlong);
-}
-
-void write_rigged(const RigRequest& request, const std::string& mesh_file, Asset& asset, RigReport& report) {
-  const std::size_t any = std::max<std::size_t>(1, asset.skin.largest_row());
-  const std::size_t influences = request.influences > 0 ? request.influences : any;
-  const Skeleton given = asset.skeleton;
-  EngineRig rig;
-  const bool is_for_engine = request.engine.any() && request.method.binding;
-  if (is_for_engine) {
-    rig = engine_rig(given, bounding_box(asset.mesh.vertices), weight_of_joints(asset.skin, given.size()),
-                     request.engine, mesh_file);
-    add_note(rig.note, report);
-    apply(rig, asset);
-    asset.skeleton = oriented(rig, request.engine);
-  }
-  const io::RootExtensions extensions = extensions_of(request, asset, rig.humanoid, report);
-  if (!request.graft || !request.method.binding || !io::has_extension(mesh_file, {".glb", ".gltf", ".vrm"})) {
-    io::ExportOptions options;
-    options.influences = influences;
-    options.extensions = extensions;
-    return io::write_gltf(report.file, asset, options);
-  }
-  try {
-    io::GraftOptions options;
-    options.influences = influences;
-    options.extensions = extensions;
-    const Skeleton skeleton = is_for_engine ? grafted_skeleton(request, rig, asset, given, options)
-                                            : in_format_axes(asset.skeleton, request.axes, true);
-    const io::GraftReport grafted = io::graft_rig(mesh_file, skeleton, asset.skin, report.file, options);
-    if (grafted.own_joints && !options.names.empty()) log::debug("{}: own joints renamed", report.id);
-    for (const io::ImportNote& note : grafted.notes) log::info("{}: {}", report.id, note.message);
-  } catch (const NotSupportedError& error) {
-    throw InputError(error.file(), error.place(),
-                     error.problem() + "; --no-graft writes a new file with base colour alone");
-  }
 }
 
 }  // namespace
@@ -465,26 +377,13 @@ ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
   return embedded(shape.mesh, templates_, options_.embedding);
 }
 
-namespace {
-
-void refuse_unfit_vrm(const RigRequest& request, const io::ShapeSource& source) {
-  if (!is_vrm(request.out)) return;
-  if (!source.is_single_file())
-    throw InputError(request.out.string(), "--output", "a .vrm holds one mesh; several go to a folder, as .glb");
-  if (!request.method.binding)
-    throw InputError(request.out.string(), "--output",
-                     "a .vrm needs a mesh with weights, and the skeleton alone is wanted");
-  if (!request.engine.humanoid)
-    throw InputError(request.out.string(), "--output", "a .vrm needs the bones of a human (EngineOptions::humanoid)");
-}
-
-}  // namespace
+namespace {}  // namespace
 
 RigReports rig_meshes(const RigRequest& request) {
   const auto source = io::open_meshes(request.meshes, {request.axes, false});
   const std::vector<std::string> ids = io::select_ids(*source, request.splits);
   refuse_lossy_outputs(request, *source, ids);
-  refuse_unfit_vrm(request, *source);
+  refuse_formats(request, *source);
   const JointProposer proposer(request.method.joints, request.joints);
   RigReports reports;
   reports.skeleton = proposer.template_id();
@@ -498,7 +397,7 @@ RigReports rig_meshes(const RigRequest& request) {
       report.file = file_of(request, *source, id);
       const io::RiggedShape shape = source->read(id);
       Asset asset = rigged(shape, proposer, request, report);
-      write_rigged(request, shape.file, asset, report);
+      write_rig(request, shape, asset, report);
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();
       if (request.also) request.also(asset, report.file);

@@ -124,17 +124,18 @@ struct RigRequest {
   std::filesystem::path meshes;               ///< a file or a folder of them
   std::vector<std::filesystem::path> splits;  ///< only what these files of ids name; none: all
   io::Axes axes = io::Axes::kFormat;          ///< which way is up in them, when it is not what their format says
-  std::filesystem::path out;                  ///< a file for a file, a folder for a folder: <id>.glb each; for a
-                                              ///< file also .vrm (1.0): humanoids, with `engine.humanoid`
-  RiggingMethod method;                       ///< without a binding each file holds the skeleton alone, as a solid
+  std::filesystem::path out;   ///< a file for a file, in the format of its extension, which may also be .vrm (1.0) for
+                               ///< humanoids, with `engine.humanoid`; a folder for a folder
+  std::string format = "glb";  ///< of io::rigged_format_words(): of the files in a folder, <id>.<format> each
+  RiggingMethod method;        ///< without a binding each file holds the skeleton alone, as a solid
   JointOptions joints;
   BindingOptions binding;
   EngineOptions engine;
   VrmMeta vrm;  ///< of a .vrm; its name is the id
   LearnedSteps learned;
   std::size_t influences = 4;  ///< joints per vertex in the written files; 0: as many as the weights name
-  bool graft = true;  ///< .glb and .gltf: the rig goes into a copy of the file (io::graft_rig); else, as for all
-                      ///< other formats, into a new file with base colour alone
+  bool graft = true;  ///< .glb and .gltf to .glb and .gltf: the rig goes into a copy of the file (io::graft_rig); else
+                      ///< into a new file with base colour alone
   /// Called for each asset after its file is written, with that file's place.
   std::function<void(const Asset&, const std::filesystem::path&)> also;
   std::string also_writes;                       ///< ending of the file that `also` writes beside it, such as ".png"
@@ -178,6 +179,7 @@ struct RigArguments {
   std::string method = "auto", mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
   std::vector<std::string> image_splits;
   std::string image_dataset, retrieval_encoder;
+  std::string format;                                       ///< of the files in a folder; "": glb
   std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
   std::string skin_run;                                     ///< of the learned skin; empty: that of the shipped weights
   std::int64_t points = 0;

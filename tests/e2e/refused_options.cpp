@@ -203,6 +203,7 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "pinocchio --template biped --skeleton s.glb", {"--template", "--skeleton"});
   check.refuses(rig + "curve --skeleton s.glb", {"--skeleton", "--method curve"});
   check.refuses(rig + "heat --dataset d", {"--dataset", "template"});
+  check.refuses(rig + "heat --format obj", {"--format", "glb", "usdz"});
   check.refuses(rig + "heat --skin none --no-graft", {"--no-graft", "skeleton alone"});
   check.refuses(rig + "heat --skin-run .", {"--skin-run", "--skin learned"});
   check.refuses(rig + "heat --skin learned --falloff 0.5", {"--falloff", "learned"});

@@ -8,6 +8,7 @@
 #include "anigen/core/files.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/gltf.h"
+#include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "tests/support/parsed_gltf.h"
 #include "tests/support/paths.h"
@@ -90,6 +91,50 @@ TEST_F(RigMeshes, OneFileForOneFile) {
   request_.out = folder_ / "one.glb";
   rig_meshes(request_);
   EXPECT_TRUE(fs::is_regular_file(folder_ / "one.glb"));
+}
+
+TEST_F(RigMeshes, TheExtensionChoosesTheFormat) {
+  request_.meshes = folder_ / "meshes/same.glb";
+  request_.method = parse_rigging_method("nearest");
+  for (const char* const name : {"one.fbx", "one.usdz", "one.usda"}) {
+    request_.out = folder_ / name;
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << name;
+    EXPECT_TRUE(fs::exists(request_.out)) << name;
+  }
+  const io::RiggedShape shape = io::read_scene_shape(folder_ / "one.fbx", "one");
+  EXPECT_EQ(shape.joints.size(), static_cast<std::size_t>(rig_.joint_count()));
+  EXPECT_EQ(3 * shape.mesh.vertices.size(), rig_.vertices.size());
+  request_.out = folder_ / "one.obj";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+  EXPECT_FALSE(fs::exists(request_.out));
+}
+
+TEST_F(RigMeshes, FilesInAFolderHaveTheFormatAskedFor) {
+  request_.format = "fbx";
+  for (const RigReport& report : rig_meshes(request_).meshes) EXPECT_EQ(report.failure, "");
+  EXPECT_TRUE(fs::exists(folder_ / "out/deep/large.fbx"));
+  EXPECT_TRUE(fs::exists(folder_ / "out/same.fbx"));
+  request_.format = "obj";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+}
+
+TEST_F(RigMeshes, OwnJointsKeepTheirClipsInOtherFormats) {
+  Asset moving = io::read_gltf(folder_ / "meshes/same.glb").asset;
+  Channel turn{0, ChannelPath::kRotation, Interpolation::kLinear, {0.0, 0.5}, {0, 0, 0, 1, 0, 0, 0.6, 0.8}};
+  moving.animations = {{"turn", {turn}}};
+  io::write_gltf(folder_ / "moving.glb", moving);
+  request_.meshes = folder_ / "moving.glb";
+  request_.method = parse_rigging_method("nearest");
+  for (const io::Axes axes : {io::Axes::kFormat, io::Axes::kZUp}) {
+    request_.axes = axes;
+    request_.out = folder_ / "moving.fbx";
+    EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+    const io::RiggedShape shape = io::read_scene_shape(request_.out, "moving");
+    ASSERT_NE(shape.clips, nullptr);
+    ASSERT_EQ(shape.clips->animations.size(), 1u);
+    EXPECT_EQ(shape.clips->animations[0].name, "turn");
+    EXPECT_NEAR(shape.clips->animations[0].duration(), 0.5, 1e-6);
+  }
 }
 
 TEST_F(RigMeshes, ABrokenMeshIsReportedAndTheOthersAreRigged) {

@@ -48,6 +48,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--axes", 0, "gltf|published", "Output", "Axes in the written files; published: (-x, z, y), turned by 180 degrees about the vertical", ""},
     {"--influences", 0, "N", "Output", "Joints per vertex in the written files", ""},
     {"--influence-loss", 0, "", "Output", "Measure what keeping only --influences joints per vertex changes", ""},
+    {"--format", 0, "glb|gltf|fbx|usdz|usda", "Output", "Format of the files in a folder; a file's extension says its own [glb]", ""},
     {"--no-graft", 0, "", "Output", "Write a new file with base colour alone, where otherwise the rig is added to a copy of the .glb or .gltf", ""},
     {"--weights", 0, "", "Output", "Check that the checkpoints of a run hold what its config.json asks for", ""},
     {"--lint", 0, "", "Output", "Say whether rigs are good: weights, joints, names, axes, and the surface in poses. Exits with 1 for findings of --lint-level", ""},

@@ -359,7 +359,7 @@ void write_skin(GltfDocument& document, const Skeleton& skeleton, const Eigen::M
                                          {"joints", std::move(joints)}}});
 }
 
-std::string unused_name(const std::string& wanted, const std::vector<std::string>& taken) {
+std::string unused_node_name(const std::string& wanted, const std::vector<std::string>& taken) {
   std::string name = wanted;
   for (int i = 1; std::find(taken.begin(), taken.end(), name) != taken.end(); ++i)
     name = wanted + "_mesh" + (i == 1 ? "" : std::to_string(i));
@@ -385,7 +385,7 @@ void write_nodes(GltfDocument& document, const Asset& asset, ExportAxes axes) {
   Json roots = Json::array();
   if (skeleton.size() > 0) roots.push_back(0);
   if (!asset.mesh.vertices.empty()) {
-    const std::string name = unused_name(asset.name.empty() ? "mesh" : asset.name, skeleton.names);
+    const std::string name = unused_node_name(asset.name.empty() ? "mesh" : asset.name, skeleton.names);
     roots.push_back(nodes.size());
     nodes.push_back({{"name", name}, {"mesh", 0}});
     if (skeleton.size() > 0) nodes.back()["skin"] = 0;
@@ -534,6 +534,8 @@ void write_animations(GltfDocument& document, const Asset& asset, ExportAxes axe
   document.json["animations"] = std::move(animations);
 }
 
+}  // namespace
+
 void refuse_unsound(const std::string& file, const Asset& asset, const ExportOptions& options) {
   const auto refuse = [&file](const std::string& problem) { throw InputError(file, "", problem); };
   const std::vector<std::string> findings = validate(asset, 3, options.require_rig);
@@ -545,15 +547,13 @@ void refuse_unsound(const std::string& file, const Asset& asset, const ExportOpt
   if (has_mesh && has_skeleton && asset.skin.rows() == 0)
     refuse("asset has a mesh and a skeleton but no skin weights; anigen-rig --method heat makes some");
   if (options.influences == 0) refuse("influences per vertex must be at least 1");
-  if (asset.skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
 }
-
-}  // namespace
 
 void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options) {
   const std::string file = path.string();
   const bool binary = is_binary_extension(path);
   refuse_unsound(file, asset, options);
+  if (asset.skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
   const Eigen::Matrix3d rotation = axis_rotation(options.axes);
   GltfDocument document;
   write_nodes(document, asset, options.axes);

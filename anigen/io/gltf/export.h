@@ -35,6 +35,11 @@ Json joint_node(const std::string& name, const Transform& local);
 /// joint 0 with weight 0.
 std::vector<gltf_import::InfluenceSet> influence_sets(const SkinWeights& skin, std::size_t influences);
 
+/// Refuses what no writer of rigged assets takes.
+/// @throws InputError when validate() finds something wrong with the asset, or faces, skeleton or weights are missing
+/// that options.require_rig asks for
+void refuse_unsound(const std::string& file, const Asset& asset, const ExportOptions& options);
+
 /// Up to this many joints the indices in JOINTS_n are 8-bit, beyond 16-bit.
 inline constexpr std::size_t kMostJointsInBytes = 255;
 /// Joints that a skin may have.

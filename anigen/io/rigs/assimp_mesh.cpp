@@ -30,8 +30,14 @@ struct Weight {
 
 class MeshConverter {
  public:
-  MeshConverter(const aiScene& scene, const NodeTable& nodes, gltf_import::Document& document, Notes& notes)
-      : nodes_(nodes), document_(document), notes_(notes), arrays_(document), scene_(scene) {}
+  MeshConverter(const aiScene& scene, const NodeTable& nodes, bool srgb_colors, gltf_import::Document& document,
+                Notes& notes)
+      : nodes_(nodes),
+        srgb_colors_(srgb_colors),
+        document_(document),
+        notes_(notes),
+        arrays_(document),
+        scene_(scene) {}
 
   /// @return the mesh's number in the document; sets `skin` to its skin or -1
   int convert(const aiMesh& mesh, const std::string& place, int& skin) {
@@ -150,7 +156,7 @@ class MeshConverter {
       attribute("COLOR_0",
                 gather(4,
                        [&](unsigned v) {
-                         return Four{colors[v].r, colors[v].g, colors[v].b, colors[v].a};
+                         return Four{linear(colors[v].r), linear(colors[v].g), linear(colors[v].b), colors[v].a};
                        }),
                 4);
     }
@@ -163,6 +169,12 @@ class MeshConverter {
     }
     result.indices = arrays_.add(indices, "SCALAR", 1, place_);
     return result;
+  }
+
+  float linear(float color) const {
+    if (!srgb_colors_ || !(color > 0.0f && color < 1.0f)) return color;
+    const double x = static_cast<double>(color);
+    return static_cast<float>(x <= 0.04045 ? x / 12.92 : std::pow((x + 0.055) / 1.055, 2.4));
   }
 
   void add_influences(gltf_import::Primitive& result) {
@@ -185,6 +197,7 @@ class MeshConverter {
   }
 
   const NodeTable& nodes_;
+  bool srgb_colors_;
   gltf_import::Document& document_;
   Notes& notes_;
   DocumentArrays arrays_;
@@ -197,13 +210,14 @@ class MeshConverter {
 
 }  // namespace
 
-void add_meshes(const aiScene& scene, const NodeTable& nodes, gltf_import::Document& document, Notes& notes) {
+void add_meshes(const aiScene& scene, const NodeTable& nodes, bool srgb_colors, gltf_import::Document& document,
+                Notes& notes) {
   struct Converted {
     int mesh = -1, skin = -1;
     bool shown = false;
   };
   std::vector<Converted> converted(scene.mNumMeshes);
-  MeshConverter converter(scene, nodes, document, notes);
+  MeshConverter converter(scene, nodes, srgb_colors, document, notes);
   for (std::size_t n = 0; n < nodes.node.size(); ++n) {
     for (unsigned m = 0; m < nodes.node[n]->mNumMeshes; ++m) {
       const unsigned number = nodes.node[n]->mMeshes[m];

@@ -429,9 +429,10 @@ std::string read_with_assimp(const fs::path& path, const ImportOptions& options)
     gltf_import::Document document;
     document.file = path.string();
     const aiScene& scene = assimp_import::load(importer, path, options, document.frame);
-    const assimp_import::NodeTable nodes = assimp_import::add_nodes(scene, lower_extension(path) == ".fbx", document);
+    const bool is_fbx = lower_extension(path) == ".fbx";
+    const assimp_import::NodeTable nodes = assimp_import::add_nodes(scene, is_fbx, document);
     assimp_import::add_animations(scene, nodes, document);
-    assimp_import::add_meshes(scene, nodes, document, notes);
+    assimp_import::add_meshes(scene, nodes, is_fbx, document, notes);
     assimp_import::add_materials(scene, path.parent_path(), document);
     return static_cast<char>(Answer::kDocument) + assimp_import::to_bytes(document, notes);
   } catch (const NotSupportedError& error) {

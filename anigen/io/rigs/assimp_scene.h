@@ -76,8 +76,9 @@ void add_mesh_node(gltf_import::Document& document, int parent, int mesh, int sk
 
 /// Appends every mesh that a node shows, with its bones as a skin. Vertices that agree in everything, weights
 /// included, become one: FBX meshes come with a vertex per corner.
+/// @param srgb_colors vertex colours are sRGB, as Blender and three.js take those of FBX, and become linear
 /// @throws InputError when a bone's node is missing
-void add_meshes(const aiScene& scene, const NodeTable& nodes, gltf_import::Document& document,
+void add_meshes(const aiScene& scene, const NodeTable& nodes, bool srgb_colors, gltf_import::Document& document,
                 gltf_import::Notes& notes);
 
 /// Appends the animations of nodes. Keys of a node without folded helpers stay as they are; of others, the product is
