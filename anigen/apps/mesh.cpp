@@ -69,8 +69,8 @@ mesh_health::MeshResult run_on(const std::string& file, const std::string& label
 
 struct CheckedFile {
   std::string file;
-  Json figures;          ///< null when it failed
-  std::string failure;   ///< empty: it was checked
+  Json figures;         ///< null when it failed
+  std::string failure;  ///< empty: it was checked
   bool unreadable = false;
 };
 
@@ -129,7 +129,8 @@ void check_files(MeshArguments& arguments, const CommonOptions& common) {
   if (!several && unreadable > 0) throw InputError("", "", results[0].failure);
   if (!several && failed > 0) throw Error(results[0].failure);
   if (unreadable > 0 && !(common.keep_going && unreadable < results.size()))
-    throw InputError("", "", std::to_string(unreadable) + " of " + count + " files cannot be read; --keep-going allows some");
+    throw InputError("", "",
+                     std::to_string(unreadable) + " of " + count + " files cannot be read; --keep-going allows some");
   if (unsound > 0)
     throw Error(several ? std::to_string(unsound) + " of " + count + " meshes have findings"
                         : results[0].file + ": " + results[0].figures.at("verdict").get<std::string>());
@@ -187,9 +188,15 @@ void save(const std::string& output, Asset asset, Format format, std::size_t inf
 }
 
 using Work = std::function<mesh_health::MeshResult(const Mesh&, const mesh_health::StepReport&)>;
+/// Puts a result in the place of the asset's mesh.
+using Carry = std::function<mesh_health::CarriedAsset(const Asset&, mesh_health::MeshResult&)>;
+
+mesh_health::CarriedAsset carry_by_place(const Asset& asset, mesh_health::MeshResult& result) {
+  return mesh_health::carry_to_new_surface(asset, std::move(result.mesh));
+}
 
 /// Reads, works on the mesh, carries over what can be, writes, and tells.
-void make_mesh(const MeshArguments& arguments, const std::string& label, const Work& work,
+void make_mesh(const MeshArguments& arguments, const std::string& label, const Work& work, const Carry& carry,
                const CommonOptions& common) {
   const auto started = std::chrono::steady_clock::now();
   const Format format = format_of(arguments.output);
@@ -198,19 +205,10 @@ void make_mesh(const MeshArguments& arguments, const std::string& label, const W
     return io::files_read_with(sample ? sample->first : fs::path(arguments.input));
   });
   const Asset asset = read_surface(arguments.input);
-  const bool repaired = label == "repairing";
-  mesh_health::MeshResult result =
-      run_on(arguments.input, label, [&](const auto& report) { return work(asset.mesh, report); }, arguments);
+  mesh_health::MeshResult result = run_on(
+      arguments.input, label, [&](const auto& report) { return work(asset.mesh, report); }, arguments);
   throw_if_interrupted();
-  mesh_health::CarriedAsset carried;
-  if (repaired) {
-    mesh_health::Repaired surface;
-    surface.mesh = std::move(result.mesh);
-    surface.place = std::move(result.place);
-    carried = mesh_health::carry_to_repaired(asset, surface, arguments.repair);
-  } else {
-    carried = mesh_health::carry_to_new_surface(asset, std::move(result.mesh));
-  }
+  mesh_health::CarriedAsset carried = carry(asset, result);
   if (carried.asset.skin.rows() == 0 && carried.asset.skeleton.size() > 0) {
     carried.asset.skeleton = {};
     carried.asset.animations.clear();
@@ -331,22 +329,36 @@ int main(int argc, char** argv) {
   program.add_common({"--keep-going", "--threads", "--json"});
   return program.run(argc, argv, [&] {
     const CommonOptions& common = program.common;
-    if (!check.parsed()) refuse_given(program.app, {"--keep-going"}, "is of check, which takes several files");
-    if (check.parsed()) check_files(arguments, common);
-    if (repair.parsed())
-      make_mesh(arguments, "repairing",
-                [&](const Mesh& mesh, const auto&) { return repair_work(mesh, arguments.repair); }, common);
-    if (wrap.parsed())
-      make_mesh(arguments, "wrapping",
-                [&](const Mesh& mesh, const auto& report) { return wrap_work(mesh, arguments.wrap, report); }, common);
-    if (remesh.parsed())
-      make_mesh(arguments, "remeshing",
-                [&](const Mesh& mesh, const auto& report) { return remesh_work(mesh, arguments, report); }, common);
-    if (simplify.parsed()) {
+    using mesh_health::StepReport;
+    if (check.parsed()) {
+      check_files(arguments, common);
+      return;
+    }
+    refuse_given(program.app, {"--keep-going"}, "is of check, which takes several files");
+    if (repair.parsed()) {
+      const auto carry = [&](const Asset& asset, mesh_health::MeshResult& result) {
+        mesh_health::Repaired surface;
+        surface.mesh = std::move(result.mesh);
+        surface.place = std::move(result.place);
+        return mesh_health::carry_to_repaired(asset, surface, arguments.repair);
+      };
+      const auto work = [&](const Mesh& mesh, const StepReport&) { return repair_work(mesh, arguments.repair); };
+      make_mesh(arguments, "repairing", work, carry, common);
+    } else if (wrap.parsed()) {
+      const auto work = [&](const Mesh& mesh, const StepReport& report) {
+        return wrap_work(mesh, arguments.wrap, report);
+      };
+      make_mesh(arguments, "wrapping", work, carry_by_place, common);
+    } else if (remesh.parsed()) {
+      const auto work = [&](const Mesh& mesh, const StepReport& report) {
+        return remesh_work(mesh, arguments, report);
+      };
+      make_mesh(arguments, "remeshing", work, carry_by_place, common);
+    } else {
       if (simplify.get_option("--faces")->count() + simplify.get_option("--reduction")->count() == 0)
         throw InputError("", "--faces", "say how many faces are wanted, or --reduction");
-      make_mesh(arguments, "simplifying",
-                [&](const Mesh& mesh, const auto&) { return simplify_work(mesh, arguments); }, common);
+      const auto work = [&](const Mesh& mesh, const StepReport&) { return simplify_work(mesh, arguments); };
+      make_mesh(arguments, "simplifying", work, carry_by_place, common);
     }
   });
 }

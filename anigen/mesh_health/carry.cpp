@@ -225,8 +225,8 @@ CarriedAsset carry_to_repaired(const Asset& from, const Repaired& repaired, cons
     for (std::size_t k = 0; k < 3; ++k) {
       const std::int32_t vertex = repaired.mesh.faces[f][k], source = sources.corners[f][k];
       const bool reversed = sources.reversed[f] != 0 && !from.mesh.normals.empty();
-      const auto [number, is_new] = numbers.try_emplace({vertex, source, reversed},
-                                                        static_cast<std::int32_t>(asset.mesh.vertices.size()));
+      const auto [number, is_new] =
+          numbers.try_emplace({vertex, source, reversed}, static_cast<std::int32_t>(asset.mesh.vertices.size()));
       face[k] = number->second;
       if (!is_new) continue;
       const Eigen::Vector3f& position = repaired.mesh.vertices[at(vertex)];

@@ -9,13 +9,13 @@
 namespace anigen::mesh_health {
 
 struct CheckOptions {
-  bool closed = false;              ///< an open border is a finding, too
-  bool self_intersections = true;   ///< look for faces that cross each other, which takes most of the time
+  bool closed = false;             ///< an open border is a finding, too
+  bool self_intersections = true;  ///< look for faces that cross each other, which takes most of the time
 };
 
 /// A kind of defect of a surface.
 struct MeshFinding {
-  std::string code;    ///< "non-manifold-edges"
+  std::string code;  ///< "non-manifold-edges"
   std::size_t count = 0;
   std::string phrase;  ///< "3 non-manifold edges"
 };
@@ -42,9 +42,9 @@ struct MeshFigures {
   std::size_t crossed_parts_faces = 0;    ///< that cross or touch a face of another part
   std::size_t crossings = 0;              ///< pairs of faces, of one part or of two
   double area = 0.0;
-  double volume = 0.0;        ///< signed, of the closed parts whose faces agree
-  double mean_edge = 0.0;     ///< length of edges
-  Box box;                    ///< of the places that faces use
+  double volume = 0.0;     ///< signed, of the closed parts whose faces agree
+  double mean_edge = 0.0;  ///< length of edges
+  Box box;                 ///< of the places that faces use
   bool intersections_known = false;
   bool closed = false;    ///< every edge has at least two faces
   bool manifold = false;  ///< no non-manifold edges and vertices

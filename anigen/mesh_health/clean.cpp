@@ -11,6 +11,7 @@
 
 #include "anigen/mesh_health/cgal_mesh.h"
 #include "anigen/mesh_health/parts.h"
+#include "anigen/mesh_health/weld.h"
 
 namespace anigen::mesh_health {
 
@@ -34,11 +35,10 @@ void orient_as_most_faces(Soup& soup, CleanSurface& result) {
   // Copies of a point are other indices at equal coordinates, so corners are compared by place.
   std::vector<char> reversed(before.size(), 0);
   for (std::size_t f = 0; f < before.size(); ++f) {
-    const auto corner = static_cast<std::size_t>(std::find_if(soup.polygons[f].begin(), soup.polygons[f].end(),
-                                                              [&](std::size_t p) {
-                                                                return soup.points[p] == soup.points[before[f][0]];
-                                                              }) -
-                                                 soup.polygons[f].begin());
+    const auto corner = static_cast<std::size_t>(
+        std::find_if(soup.polygons[f].begin(), soup.polygons[f].end(),
+                     [&](std::size_t p) { return soup.points[p] == soup.points[before[f][0]]; }) -
+        soup.polygons[f].begin());
     reversed[f] = soup.points[soup.polygons[f][(corner + 1) % 3]] != soup.points[before[f][1]];
   }
   std::vector<Triangle> faces(soup.polygons.size());
@@ -53,6 +53,11 @@ void orient_as_most_faces(Soup& soup, CleanSurface& result) {
     if (turn_back) std::swap(soup.polygons[f][1], soup.polygons[f][2]);
     result.reversed_faces += (reversed[f] != 0) != turn_back;
   }
+}
+
+std::size_t count_degenerate(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
+  return static_cast<std::size_t>(
+      std::count_if(faces.begin(), faces.end(), [&](const Triangle& face) { return is_degenerate(vertices, face); }));
 }
 
 }  // namespace
@@ -70,14 +75,15 @@ CleanSurface clean_surface(const std::vector<Eigen::Vector3f>& vertices, const s
       throw Error("the soup of triangles could not be made a manifold");
     SurfaceMesh surface;
     processing::polygon_soup_to_polygon_mesh(soup.points, soup.polygons, surface);
-    const std::size_t before = surface.number_of_faces();
-    result.degenerate_left = !processing::remove_degenerate_faces(surface);
-    result.degenerate_faces = before - std::min<std::size_t>(before, surface.number_of_faces());
-    result.stitched_edges =
-        processing::stitch_borders(surface, CGAL::parameters::apply_per_connected_component(true));
+    processing::remove_degenerate_faces(surface);
+    result.stitched_edges = processing::stitch_borders(surface, CGAL::parameters::apply_per_connected_component(true));
     result.stitched_edges += processing::stitch_borders(surface);
     result.copied_vertices += processing::duplicate_non_manifold_vertices(surface);
     result.mesh = to_mesh(surface);
+    // Those with a vertex on the opposite side go by a flip, which leaves the number of faces as it is.
+    result.degenerate_left = count_degenerate(result.mesh.vertices, result.mesh.faces);
+    const std::size_t before = count_degenerate(vertices, faces);
+    result.degenerate_faces = before - std::min(before, result.degenerate_left);
   } catch (const Error&) {
     throw;
   } catch (const std::bad_alloc&) {

@@ -32,8 +32,7 @@ struct Unmap {
 };
 
 std::unique_ptr<SharedSteps, Unmap> shared_steps() {
-  void* const memory =
-      ::mmap(nullptr, sizeof(SharedSteps), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  void* const memory = ::mmap(nullptr, sizeof(SharedSteps), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) throw Error("the system gives no memory to share");
   return std::unique_ptr<SharedSteps, Unmap>(new (memory) SharedSteps);
 }

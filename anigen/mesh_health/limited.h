@@ -25,9 +25,9 @@ struct WorkLimits {
   std::uint64_t memory = 0;  ///< bytes beyond what this process has; 0: as much as the machine has
 };
 
-/// Runs work on a mesh in a copy of this process (run_guarded()), since CGAL can neither be interrupted nor told a limit
-/// of time, and may end a process for a mesh that it did not expect. Shows progress by the steps that the work reports.
-/// The work must use neither parallel_for nor the log.
+/// Runs work on a mesh in a copy of this process (run_guarded()), since CGAL can neither be interrupted nor told a
+/// limit of time, and may end a process for a mesh that it did not expect. Shows progress by the steps that the work
+/// reports. The work must use neither parallel_for nor the log.
 /// @param label of the progress bar
 /// @throws what the work throws of InputError and Error, with its message; Error when it passes a limit or crashes;
 /// Interrupted after Ctrl-C

@@ -35,7 +35,8 @@ Features find_features(SurfaceMesh& surface, double sharp_degrees) {
   features.edges = surface.add_property_map<SurfaceMesh::Edge_index, bool>("e:feature", false).first;
   features.corners = surface.add_property_map<SurfaceMesh::Vertex_index, bool>("v:corner", false).first;
   const auto normal = [&](SurfaceMesh::Halfedge_index h) -> Eigen::Vector3d {
-    const Eigen::Vector3d a = vector_of(surface.point(surface.source(h))), b = vector_of(surface.point(surface.target(h)));
+    const Eigen::Vector3d a = vector_of(surface.point(surface.source(h))),
+                          b = vector_of(surface.point(surface.target(h)));
     return (b - a).cross(vector_of(surface.point(surface.target(surface.next(h)))) - a).normalized();
   };
   const double least_cosine = std::cos(sharp_degrees * kPi / 180.0);

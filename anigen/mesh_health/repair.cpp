@@ -102,6 +102,7 @@ Json to_json(const Repaired& repaired) {
           {"isolated_vertices", repaired.isolated_vertices},
           {"duplicate_faces", repaired.duplicate_faces},
           {"degenerate_faces", repaired.degenerate_faces},
+          {"degenerate_left", repaired.degenerate_left},
           {"reversed_faces", repaired.reversed_faces},
           {"copied_vertices", repaired.copied_vertices},
           {"stitched_edges", repaired.stitched_edges},

@@ -23,15 +23,16 @@ struct Repaired {
   std::size_t reversed_faces = 0, copied_vertices = 0, stitched_edges = 0;       ///< as CleanSurface
   std::size_t turned_parts = 0;                                                  ///< closed parts that were inside out
   std::size_t filled_holes = 0, open_holes = 0;
-  bool degenerate_left = false;
+  std::size_t degenerate_left = 0;
 };
 
 /// Mends a surface in place: vertices that coincide become one, faces without area and repetitions go, the rest is made
-/// an oriented manifold (clean_surface()), parts that enclose a volume are wound outward unless they are cavities, small
-/// holes are filled (geometry::fill_holes).
+/// an oriented manifold (clean_surface()), parts that enclose a volume are wound outward unless they are cavities,
+/// small holes are filled (geometry::fill_holes).
 ///
-/// Vertices that stay apart at one position, where solids touch, are moved by a millionth of the diagonal into their own
-/// part, since formats without indices, and programs that weld, would make them one again. All other positions stay.
+/// Vertices that stay apart at one position, where solids touch, are moved by a millionth of the diagonal into their
+/// own part, since formats without indices, and programs that weld, would make them one again. All other positions
+/// stay.
 /// @throws InputError as weld(), Error when nothing is left or CGAL gives up
 Repaired repair(const Mesh& mesh, const RepairOptions& options = {});
 

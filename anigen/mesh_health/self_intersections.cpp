@@ -45,7 +45,8 @@ class PairTest {
     if (common == 0) return CGAL::do_intersect(triangle(f), triangle(g));
     if (common == 1) {
       // Anything that they share beside the vertex reaches the side opposite to it in one of the two.
-      return CGAL::do_intersect(triangle(g), opposite(a, corner_a)) || CGAL::do_intersect(triangle(f), opposite(b, corner_b));
+      return CGAL::do_intersect(triangle(g), opposite(a, corner_a)) ||
+             CGAL::do_intersect(triangle(f), opposite(b, corner_b));
     }
     if (common == 3) return true;
     // Two on one edge share more only when one is folded onto the other.

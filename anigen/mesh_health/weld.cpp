@@ -39,7 +39,8 @@ struct FaceHash {
 
 void require_weldable(const Mesh& mesh, double distance) {
   if (mesh.faces.empty()) throw InputError("", "mesh.faces", "there are no faces");
-  if (!std::isfinite(distance) || distance < 0) throw InputError("", "distance", "must be a finite number of at least 0");
+  if (!std::isfinite(distance) || distance < 0)
+    throw InputError("", "distance", "must be a finite number of at least 0");
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
     if (!mesh.vertices[v].allFinite())
       throw InputError("", "mesh.vertices[" + std::to_string(v) + "]", "the vertex is not finite");

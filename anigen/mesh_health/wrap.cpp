@@ -21,8 +21,8 @@ constexpr double kCoarseAlpha = 0.04, kLeastShare = 1e-6;
 /// Of a triangulated closed surface.
 constexpr std::size_t kFacesPerVertex = 2;
 
-/// Stops when asked to, or when more vertices were inserted than there may be faces: a surface has half as many, and not
-/// every insertion ends on it.
+/// Stops when asked to, or when more vertices were inserted than there may be faces: a surface has half as many, and
+/// not every insertion ends on it.
 class Watch : public CGAL::Alpha_wraps_3::internal::Wrapping_default_visitor {
  public:
   Watch(std::size_t expected_vertices, std::size_t most_faces, StepReport report)
@@ -35,8 +35,9 @@ class Watch : public CGAL::Alpha_wraps_3::internal::Wrapping_default_visitor {
     throw_if_interrupted();
     if (report_) report_(std::min(inserted_, expected_), expected_);
     if (inserted_ > most_) {
-      throw InputError("", "alpha", "gives more than " + std::to_string(most_) +
-                                        " faces, more than the mesh's size made expect; choose a larger one");
+      throw InputError("", "alpha",
+                       "gives more than " + std::to_string(most_) +
+                           " faces, more than the mesh's size made expect; choose a larger one");
     }
   }
 
@@ -117,9 +118,10 @@ Mesh wrap(const Mesh& mesh, const WrapOptions& options, const StepReport& report
   if (expected > options.most_faces) {
     const double possible =
         options.alpha * std::sqrt(static_cast<double>(expected) / static_cast<double>(options.most_faces));
-    throw InputError("", "alpha", "would give about " + std::to_string(expected) + " faces, and " +
-                                      std::to_string(options.most_faces) + " are the most; from about " +
-                                      number_text(1.05 * possible) + " on there are fewer");
+    throw InputError("", "alpha",
+                     "would give about " + std::to_string(expected) + " faces, and " +
+                         std::to_string(options.most_faces) + " are the most; from about " +
+                         number_text(1.05 * possible) + " on there are fewer");
   }
   const double offset = options.offset > 0 ? options.offset : std::max(kLeastShare, options.alpha / 30.0);
   Watch watch(expected / kFacesPerVertex, options.most_faces, report);

@@ -29,8 +29,7 @@ TEST(Repair, StitchesACubeOfSeparateTriangles) {
 
 TEST(Repair, MergesVerticesWithinADistance) {
   Mesh mesh = test::exploded(test::cube(1.0f));
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
-    mesh.vertices[v].x() += 1e-5f * static_cast<float>(v % 3);
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) mesh.vertices[v].x() += 1e-5f * static_cast<float>(v % 3);
   EXPECT_FALSE(check_mesh(repair(mesh).mesh).closed);
   const Repaired repaired = repair(mesh, {1e-4, 0});
   EXPECT_EQ(check_mesh(repaired.mesh, kClosed).verdict, "sound; closed, 1 part");

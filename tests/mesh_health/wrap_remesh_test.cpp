@@ -17,7 +17,7 @@
 namespace anigen::mesh_health {
 namespace {
 
-constexpr CheckOptions kClosed{true, true};
+constexpr CheckOptions kWatertight{true, true};
 
 bool has(const MeshFigures& figures, const std::string& code) {
   return std::any_of(figures.findings.begin(), figures.findings.end(),
@@ -28,7 +28,7 @@ TEST(Wrap, TwoCrossingCubesBecomeOneClosedManifold) {
   const Mesh cubes = test::together(test::cube(1.0f), test::cube(1.0f, {0.5f, 0.5f, 0.5f}));
   EXPECT_TRUE(has(check_mesh(cubes), "part-intersections"));
   const Mesh wrapped = wrap(cubes, {0.05, 0.002});
-  const MeshFigures after = check_mesh(wrapped, kClosed);
+  const MeshFigures after = check_mesh(wrapped, kWatertight);
   EXPECT_EQ(after.verdict, "sound; closed, 1 part");
   // The union has 2 − 1/8; the wrap stands off by 0.002 of the diagonal of 2.6 on an area of 10.5, and bridges the
   // notches between the cubes by balls of 0.13.
@@ -37,12 +37,12 @@ TEST(Wrap, TwoCrossingCubesBecomeOneClosedManifold) {
 }
 
 TEST(Wrap, ClosesASheetAndASoup) {
-  const MeshFigures sheet = check_mesh(wrap(test::cloth(4), {0.1, 0.0}), kClosed);
+  const MeshFigures sheet = check_mesh(wrap(test::cloth(4), {0.1, 0.0}), kWatertight);
   EXPECT_EQ(sheet.verdict, "sound; closed, 1 part");
   Mesh soup = test::exploded(test::cube(1.0f));
   soup.faces.resize(11);  // one triangle is missing
   for (std::size_t f = 0; f < soup.faces.size(); f += 2) std::swap(soup.faces[f][0], soup.faces[f][1]);
-  EXPECT_TRUE(check_mesh(wrap(soup, {0.9, 0.01}), kClosed).closed);
+  EXPECT_TRUE(check_mesh(wrap(soup, {0.9, 0.01}), kWatertight).closed);
 }
 
 TEST(Wrap, RefusesAnAbsurdAlphaBeforeItStarts) {
@@ -70,7 +70,7 @@ TEST(Remesh, KeepsShapeAndHitsTheEdgeLength) {
   RemeshOptions options;
   options.edge_length = 0.1;
   const Remeshed remeshed = remesh(cube, options);
-  const MeshFigures after = check_mesh(remeshed.mesh, kClosed);
+  const MeshFigures after = check_mesh(remeshed.mesh, kWatertight);
   EXPECT_EQ(after.verdict, "sound; closed, 1 part");
   EXPECT_EQ(remeshed.sharp_edges, 12u);
   // Sharp edges and corners stay, so the cube stays one, up to the rounding of positions.
@@ -104,7 +104,7 @@ TEST(Remesh, BodiesStayApartAndASoupIsMadeAManifoldFirst) {
   const Mesh two = test::together(test::exploded(test::cube(1.0f)), test::cube(1.0f, {3, 0, 0}));
   RemeshOptions options;
   options.edge_length = 0.25;
-  const MeshFigures after = check_mesh(remesh(two, options).mesh, kClosed);
+  const MeshFigures after = check_mesh(remesh(two, options).mesh, kWatertight);
   EXPECT_EQ(after.verdict, "sound; closed, 2 parts");
 }
 
