@@ -41,8 +41,12 @@ std::vector<std::int32_t> first_alike(const Asset& asset, const WeldedMesh& weld
     auto& known = kinds[at(welded.of_vertex[v])];
     const auto alike =
         std::find_if(known.begin(), known.end(), [&](std::int32_t u) { return equal_attributes(asset, at(u), v); });
-    if (alike == known.end()) known.push_back(static_cast<std::int32_t>(v));
-    result[v] = alike == known.end() ? static_cast<std::int32_t>(v) : *alike;
+    if (alike != known.end()) {
+      result[v] = *alike;
+    } else {
+      result[v] = static_cast<std::int32_t>(v);
+      known.push_back(result[v]);
+    }
   }
   return result;
 }
