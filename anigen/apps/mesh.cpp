@@ -299,8 +299,8 @@ int main(int argc, char** argv) {
   MeshArguments arguments;
   program.app.require_subcommand(1);
   CLI::App& check = program.command("check", "Counts what is wrong with surfaces, and measures them");
-  add_option(check, "files", arguments.files, "")->required();
-  add_option(check, "--closed", arguments.check.closed);
+  add_option(check, "files", arguments.files)->required();
+  add_option(check, "--solid", arguments.check.solid);
   add_option(check, "--no-crossings", arguments.no_crossings);
   add_limits(check, arguments);
   CLI::App& repair = writing_command(

@@ -78,15 +78,19 @@ void judge(const CheckOptions& options, MeshFigures& figures) {
   found.add("isolated-vertices", figures.isolated_vertices, "isolated vertex", "isolated vertices");
   found.add("self-intersections", figures.crossed_faces, "face that crosses its own part",
             "faces that cross their own part");
-  found.add("part-intersections", figures.crossed_parts_faces, "face that crosses another part",
-            "faces that cross other parts");
-  if (options.closed) found.add("open-borders", figures.border_edges, "border edge", "border edges");
+  if (options.solid) {
+    found.add("part-intersections", figures.crossed_parts_faces, "face that crosses another part",
+              "faces that cross other parts");
+    found.add("open-borders", figures.border_edges, "border edge", "border edges");
+  }
   std::string& verdict = figures.verdict = figures.findings.empty() ? "sound" : "not sound: ";
   for (const MeshFinding& finding : figures.findings)
     verdict += (&finding == &figures.findings.front() ? "" : ", ") + finding.phrase;
   const std::string borders = std::to_string(figures.borders) + (figures.borders == 1 ? " border" : " borders");
   const std::string parts = std::to_string(figures.parts) + (figures.parts == 1 ? " part" : " parts");
   verdict += figures.closed ? "; closed, " + parts : "; open, " + parts + ", " + borders;
+  if (!options.solid && figures.crossed_parts_faces > 0)
+    verdict += ", " + std::to_string(figures.crossed_parts_faces) + " faces cross other parts";
   if (!figures.intersections_known) verdict += "; crossing faces were not looked for";
 }
 

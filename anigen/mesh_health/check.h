@@ -9,7 +9,7 @@
 namespace anigen::mesh_health {
 
 struct CheckOptions {
-  bool closed = false;             ///< an open border is a finding, too
+  bool solid = false;              ///< open borders and parts that cross each other are findings, too
   bool self_intersections = true;  ///< look for faces that cross each other, which takes most of the time
 };
 
@@ -51,7 +51,7 @@ struct MeshFigures {
   bool oriented = false;  ///< all faces agree with their neighbours, and no closed part is wound inward
 
   std::vector<MeshFinding> findings;
-  /// One line: "sound, closed: …" or "not sound: 3 non-manifold edges, …".
+  /// One line: "sound; closed, 2 parts" or "not sound: 3 non-manifold edges, …; open, …".
   std::string verdict;
 };
 

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "anigen/mesh_health/cgal_mesh.h"
+#include "anigen/mesh_health/fans.h"
 #include "anigen/mesh_health/parts.h"
 #include "anigen/mesh_health/weld.h"
 
@@ -31,7 +32,7 @@ void orient_as_most_faces(Soup& soup, CleanSurface& result) {
   const std::vector<Polygon> before = soup.polygons;
   const std::size_t points_before = soup.points.size();
   processing::orient_polygon_soup(soup.points, soup.polygons);
-  result.copied_vertices = soup.points.size() - points_before;
+  result.copied_vertices += soup.points.size() - points_before;
   // Copies of a point are other indices at equal coordinates, so corners are compared by place.
   std::vector<char> reversed(before.size(), 0);
   for (std::size_t f = 0; f < before.size(); ++f) {
@@ -64,11 +65,13 @@ std::size_t count_degenerate(const std::vector<Eigen::Vector3f>& vertices, const
 
 CleanSurface clean_surface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
   CleanSurface result;
+  const PartedFaces parted = part_faces(vertices, faces);
+  result.copied_vertices = parted.vertices.size() - vertices.size();
   Soup soup;
-  soup.points.reserve(vertices.size());
-  for (const Eigen::Vector3f& v : vertices) soup.points.emplace_back(v.x(), v.y(), v.z());
+  soup.points.reserve(parted.vertices.size());
+  for (const Eigen::Vector3f& v : parted.vertices) soup.points.emplace_back(v.x(), v.y(), v.z());
   soup.polygons.reserve(faces.size());
-  for (const Triangle& t : faces) soup.polygons.push_back({at(t[0]), at(t[1]), at(t[2])});
+  for (const Triangle& t : parted.faces) soup.polygons.push_back({at(t[0]), at(t[1]), at(t[2])});
   try {
     orient_as_most_faces(soup, result);
     if (!processing::is_polygon_soup_a_polygon_mesh(soup.polygons))

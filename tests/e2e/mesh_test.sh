@@ -42,7 +42,7 @@ printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
 
 expect 1 "edges between faces of opposite orientation" check cube.obj
 expect 0 "sound; open, 1 part, 1 border" check one.obj
-expect 1 "3 border edges" check one.obj --closed
+expect 1 "3 border edges" check one.obj --solid
 expect 0 '"closed": false' check one.obj --json
 expect 1 "1 of 2 meshes have findings" check one.obj cube.obj
 expect 2 "broken.obj: line 1: " check broken.obj
@@ -55,19 +55,19 @@ expect 2 "cube.obj" repair cube.obj -o cube.obj
 
 # The rig comes along, and goes with a warning where the format has none.
 expect 0 "filled_holes: 1" repair cube.txt -o sound.glb --fill-holes 4
-expect 0 "sound; closed, 1 part" check sound.glb --closed
+expect 0 "sound; closed, 1 part" check sound.glb --solid
 "$inspect" sound.glb | grep -q "kind: asset" || fail "the repaired cube has lost its rig"
 expect 0 "not kept: the rig" repair cube.txt -o flat.stl
 expect 0 "sound; open, 1 part" check flat.stl
 for format in glb obj ply stl; do
   expect 0 "joints: 2" remesh sound.glb -o "even.$format" --edge-length 0.1
-  expect 0 "sound; closed, 1 part" check "even.$format" --closed
+  expect 0 "sound; closed, 1 part" check "even.$format" --solid
 done
 "$inspect" even.glb | grep -q "kind: asset" || fail "the remeshed cube has lost its rig"
 expect 0 "faces: 12" simplify even.glb -o twelve.glb --faces 12
-expect 0 "sound; closed, 1 part" check twelve.glb --closed
+expect 0 "sound; closed, 1 part" check twelve.glb --solid
 expect 0 "faces: " wrap cube.obj -o wrapped.glb --alpha 0.4
-expect 0 "sound; closed, 1 part" check wrapped.glb --closed
+expect 0 "sound; closed, 1 part" check wrapped.glb --solid
 expect 2 "are the most" wrap cube.obj -o absurd.glb --alpha 0.000001
 [ ! -e absurd.glb ] || fail "a refused wrap has left a file"
 

@@ -36,7 +36,7 @@ TEST(CheckMesh, VerticesAtOnePositionAreOnePlace) {
   EXPECT_EQ(figures.places, 8u);
 }
 
-TEST(CheckMesh, AnOpenClothIsSoundUnlessItShallBeClosed) {
+TEST(CheckMesh, AnOpenClothIsSoundUnlessItShallBeASolid) {
   const Mesh cloth = test::cloth(4);
   const MeshFigures figures = check_mesh(cloth);
   EXPECT_EQ(figures.verdict, "sound; open, 1 part, 1 border");
@@ -78,7 +78,9 @@ TEST(CheckMesh, EachDefectIsFoundAlone) {
   const Mesh touching = test::together(test::cube(1.0f), test::cube(1.0f, {1, 1, 1}));
   EXPECT_EQ(found(touching), "non-manifold-vertices");
   const Mesh crossing = test::together(test::cube(1.0f), test::cube(1.0f, {0.5f, 0.25f, 0.125f}));
-  EXPECT_EQ(found(crossing), "part-intersections");
+  EXPECT_EQ(codes(check_mesh(crossing, {true, true})), "part-intersections");
+  EXPECT_EQ(found(crossing), "") << "clothes and eyes cross the body, too";
+  EXPECT_NE(check_mesh(crossing).verdict.find("faces cross other parts"), std::string::npos);
 }
 
 TEST(CheckMesh, ACavityIsNotInsideOut) {

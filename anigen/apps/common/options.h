@@ -116,7 +116,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--cluster-bandwidth", 0, "X", "Mesh and skeleton", "Cluster votes for joints within this distance, in units of the box [as fitted for the run, else 0.01]", "generate:--grouping-bandwidth encode:--grouping-bandwidth"},
     {"--cluster-min-votes", 0, "N", "Mesh and skeleton", "Clusters of fewer votes are no joint, unless none would be left [as fitted for the run, else 5]", "generate:--grouping-least-votes encode:--grouping-least-votes"},
     {"--true-skeleton", 0, "", "Mesh and skeleton", "Decode weights for the asset's own skeleton", ""},
-    {"--closed", 0, "", "Mesh and skeleton", "Open borders are findings, too", ""},
+    {"--solid", 0, "", "Mesh and skeleton", "Open borders, and parts that cross each other, are findings, too", ""},
     {"--no-crossings", 0, "", "Mesh and skeleton", "Do not look for faces that cross each other, which takes most of the time", ""},
     {"--merge-distance", 0, "X", "Mesh and skeleton", "Vertices within this share of the diagonal become one; 0: those at equal positions", ""},
     {"--fill-holes", 0, "N", "Mesh and skeleton", "Close holes with so many border edges or fewer; 0: none", ""},
