@@ -16,10 +16,10 @@ struct CleanSurface {
   std::size_t degenerate_left = 0;   ///< that could not be taken away without changing the topology
 };
 
-/// Cuts a soup of triangles where more than two meet at an edge, orients what hangs together, as most of its faces are,
-/// parts vertices of several fans, takes away faces without area, and stitches border edges that are in one place:
-/// those of one part first, so that solids that touch at an edge stay two solids. By CGAL's package
-/// Polygon_mesh_processing. Positions stay. @pre no face names a vertex twice, and no face is there twice
+/// Parts surfaces that meet (part_faces()), orients what hangs together, as most of its faces are, takes away faces
+/// without area, and stitches border edges that are in one place, those of one part first. Where surfaces still meet,
+/// or have no two sides, they are cut. By CGAL's package Polygon_mesh_processing. Positions stay.
+/// @pre no face names a vertex twice, and no face is there twice
 /// @throws Error when CGAL gives up
 CleanSurface clean_surface(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
 

@@ -54,18 +54,20 @@ FacePairs pairs_around_solids(const std::vector<Leaf>& leaves) {
   return pairs;
 }
 
-FacePairs flattest_pairs(const std::vector<Leaf>& leaves) {
-  std::vector<std::tuple<double, std::size_t, std::size_t>> candidates;
+/// @param pieces of faces that hang together by edges of two faces: a wall must not part the shell around it
+FacePairs likeliest_pairs(const std::vector<Leaf>& leaves, DisjointSets& pieces) {
+  std::vector<std::tuple<bool, double, std::size_t, std::size_t>> candidates;
   for (std::size_t i = 0; i < leaves.size(); ++i) {
     for (std::size_t j = i + 1; j < leaves.size(); ++j) {
       if (leaves[i].upward != leaves[j].upward)
-        candidates.emplace_back(std::abs(leaves[j].angle - leaves[i].angle - kPi), i, j);
+        candidates.emplace_back(!pieces.same(at(leaves[i].face), at(leaves[j].face)),
+                                std::abs(leaves[j].angle - leaves[i].angle - kPi), i, j);
     }
   }
   std::sort(candidates.begin(), candidates.end());
   std::vector<char> taken(leaves.size(), 0);
   FacePairs pairs;
-  for (const auto& [bend, i, j] : candidates) {
+  for (const auto& [elsewhere, bend, i, j] : candidates) {
     if (taken[i] != 0 || taken[j] != 0) continue;
     taken[i] = taken[j] = 1;
     pairs.emplace_back(leaves[i].face, leaves[j].face);
@@ -74,7 +76,7 @@ FacePairs flattest_pairs(const std::vector<Leaf>& leaves) {
 }
 
 FacePairs pairs_at(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
-                   const MeshEdges& edges, std::size_t edge) {
+                   const MeshEdges& edges, std::size_t edge, DisjointSets& pieces) {
   const auto around = edges.faces(edge);
   if (around.size() < 2) return {};
   if (around.size() == 2) return {{around.begin()[0], around.begin()[1]}};
@@ -83,20 +85,25 @@ FacePairs pairs_at(const std::vector<Eigen::Vector3f>& vertices, const std::vect
   if (around.size() > kMostFaces) return {};
   const std::vector<Leaf> leaves = leaves_of(vertices, faces, edges, edge);
   FacePairs pairs = pairs_around_solids(leaves);
-  return pairs.empty() ? flattest_pairs(leaves) : pairs;
+  return pairs.empty() ? likeliest_pairs(leaves, pieces) : pairs;
 }
 
 }  // namespace
 
 PartedFaces part_faces(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces) {
   const MeshEdges edges(faces, vertices.size());
+  DisjointSets pieces(faces.size());
+  for (std::size_t e = 0; e < edges.size(); ++e) {
+    const auto around = edges.faces(e);
+    if (around.size() == 2) pieces.join_lowest(at(around.begin()[0]), at(around.begin()[1]));
+  }
   DisjointSets corners(3 * faces.size());
   const auto corner = [&](std::int32_t face, std::int32_t vertex) {
     const Triangle& t = faces[at(face)];
     return 3 * at(face) + static_cast<std::size_t>(std::find(t.begin(), t.end(), vertex) - t.begin());
   };
   for (std::size_t e = 0; e < edges.size(); ++e) {
-    for (const auto& [first, second] : pairs_at(vertices, faces, edges, e))
+    for (const auto& [first, second] : pairs_at(vertices, faces, edges, e, pieces))
       for (const std::int32_t vertex : edges[e]) corners.join_lowest(corner(first, vertex), corner(second, vertex));
   }
   PartedFaces parted{vertices, faces};

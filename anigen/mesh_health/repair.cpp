@@ -1,5 +1,6 @@
 #include "anigen/mesh_health/repair.h"
 
+#include <algorithm>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -29,14 +30,13 @@ std::size_t turn_outward(Mesh& mesh) {
   return count;
 }
 
-/// Moves vertices at the position of an earlier one towards the middle of their own faces.
+/// Moves vertices at the position of earlier ones towards the middle of their own faces, each farther than the one
+/// before it.
 void move_apart(Mesh& mesh, double distance) {
-  std::unordered_map<Eigen::Vector3f, std::size_t, PositionHash> first;
-  std::vector<char> shared(mesh.vertices.size(), 0);
-  bool any = false;
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
-    any |= (shared[v] = !first.try_emplace(mesh.vertices[v], v).second) != 0;
-  if (!any) return;
+  std::unordered_map<Eigen::Vector3f, int, PositionHash> count;
+  std::vector<int> earlier(mesh.vertices.size(), 0);
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) earlier[v] = count[mesh.vertices[v]]++;
+  if (std::all_of(earlier.begin(), earlier.end(), [](int n) { return n == 0; })) return;
   std::vector<Eigen::Vector3d> middle(mesh.vertices.size(), Eigen::Vector3d::Zero());
   for (const Triangle& face : mesh.faces) {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -44,8 +44,8 @@ void move_apart(Mesh& mesh, double distance) {
     for (const std::int32_t v : face) middle[at(v)] += sum / 3.0 - mesh.vertices[at(v)].cast<double>();
   }
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (shared[v] == 0 || middle[v].norm() == 0.0) continue;
-    const Eigen::Vector3d moved = mesh.vertices[v].cast<double>() + distance * middle[v].normalized();
+    if (earlier[v] == 0 || middle[v].norm() == 0.0) continue;
+    const Eigen::Vector3d moved = mesh.vertices[v].cast<double>() + earlier[v] * distance * middle[v].normalized();
     mesh.vertices[v] = moved.cast<float>();
   }
 }

@@ -82,6 +82,29 @@ TEST(Repair, PartsSolidsThatTouchSoThatWeldingKeepsThemApart) {
   }
 }
 
+TEST(Repair, AWallInsideASolidLeavesItClosed) {
+  Mesh mesh = test::cube(1.0f);
+  mesh.faces.push_back({0, 3, 7});  // along the diagonals of two sides and two edges, which get a third face each
+  mesh.faces.push_back({0, 7, 4});
+  const Repaired repaired = repair(mesh);
+  const MeshFigures after = check_mesh(repaired.mesh, {false, false});
+  EXPECT_TRUE(after.manifold);
+  EXPECT_EQ(after.closed_parts, 1u);
+  EXPECT_EQ(after.parts, 2u);
+  EXPECT_NEAR(after.volume, 1.0, 1e-5);
+}
+
+TEST(Repair, SheetsThatCrossAtAnEdgeBecomeTwoSheets) {
+  Mesh mesh;
+  mesh.vertices = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}};
+  mesh.faces = {{0, 2, 1}, {0, 1, 3}, {0, 4, 1}, {0, 1, 5}};
+  const Repaired repaired = repair(mesh);
+  const MeshFigures after = check_mesh(repaired.mesh, {false, false});
+  EXPECT_TRUE(after.manifold);
+  EXPECT_EQ(after.parts, 2u);
+  EXPECT_EQ(after.border_edges, 8u);
+}
+
 TEST(Repair, TakesAwayWhatHasNoArea) {
   Mesh mesh = test::cube(1.0f);
   mesh.faces.push_back({0, 0, 1});
