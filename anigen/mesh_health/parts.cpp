@@ -1,5 +1,7 @@
 #include "anigen/mesh_health/parts.h"
 
+#include <utility>
+
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/numeric.h"
 
@@ -57,6 +59,19 @@ Parts find_parts(const std::vector<Eigen::Vector3f>& vertices, const std::vector
     parts.volumes[part] += corner(0).dot(corner(1).cross(corner(2))) / 6.0;
   }
   return parts;
+}
+
+std::size_t turn_outward(Mesh& mesh) {
+  const Parts parts = find_parts(mesh.vertices, mesh.faces, MeshEdges(mesh.faces, mesh.vertices.size()));
+  std::vector<char> inverted(parts.size(), 0);
+  std::size_t count = 0;
+  for (std::size_t part = 0; part < parts.size(); ++part) {
+    inverted[part] = parts.is_inverted(part);
+    count += inverted[part] != 0;
+  }
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    if (inverted[parts.of_face[f]] != 0) std::swap(mesh.faces[f][1], mesh.faces[f][2]);
+  return count;
 }
 
 }  // namespace anigen::mesh_health

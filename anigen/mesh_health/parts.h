@@ -21,6 +21,10 @@ struct Parts {
 Parts find_parts(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                  const MeshEdges& edges);
 
+/// Turns closed parts over that are wound inward (Parts::is_inverted). @return how many
+/// @pre every edge has one or two faces
+std::size_t turn_outward(Mesh& mesh);
+
 /// True when the first of two faces runs along an edge of both from its lower vertex to its higher one.
 bool runs_upward(const Triangle& face, const MeshEdges::Edge& edge);
 

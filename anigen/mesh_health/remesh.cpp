@@ -9,6 +9,7 @@
 #include "anigen/core/process.h"
 #include "anigen/mesh_health/cgal_mesh.h"
 #include "anigen/mesh_health/clean.h"
+#include "anigen/mesh_health/parts.h"
 #include "anigen/mesh_health/weld.h"
 
 namespace anigen::mesh_health {
@@ -127,6 +128,8 @@ Remeshed remesh(const Mesh& mesh, const RemeshOptions& options, const StepReport
     length *= std::sqrt(ratio);
   }
   if (report) report(most_attempts, most_attempts);
+  turn_outward(result.mesh);
+  move_apart(result.mesh);
   return result;
 }
 

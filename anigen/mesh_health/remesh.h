@@ -23,9 +23,9 @@ struct Remeshed {
 };
 
 /// Triangles of equal size and good shape on the same surface (Botsch and Kobbelt 2004, CGAL's isotropic_remeshing).
-/// The mesh is made a manifold first, as repair() does. Borders and sharp edges are split and collapsed only along
-/// themselves; their corners, and where three of them meet, stay. Parts smaller than the edge length keep a few faces.
-/// On the calling thread.
+/// The mesh is made a manifold with closed parts wound outward, as repair() does. Borders and sharp edges are split and
+/// collapsed only along themselves; their corners, and where three of them meet, stay. Parts smaller than the edge
+/// length keep a few faces. On the calling thread.
 /// @param report passes done, of those that may be needed
 /// @throws InputError as weld(), for a mesh without area, an edge length that is not above 0, or more than
 /// `most_faces`; Error when CGAL gives up; Interrupted between passes

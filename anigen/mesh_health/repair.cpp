@@ -1,6 +1,5 @@
 #include "anigen/mesh_health/repair.h"
 
-#include <algorithm>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -13,44 +12,6 @@
 #include "anigen/mesh_health/weld.h"
 
 namespace anigen::mesh_health {
-
-namespace {
-
-/// Turns closed parts over that are wound inward. @return how many
-std::size_t turn_outward(Mesh& mesh) {
-  const Parts parts = find_parts(mesh.vertices, mesh.faces, MeshEdges(mesh.faces, mesh.vertices.size()));
-  std::vector<char> inverted(parts.size(), 0);
-  std::size_t count = 0;
-  for (std::size_t part = 0; part < parts.size(); ++part) {
-    inverted[part] = parts.is_inverted(part);
-    count += inverted[part] != 0;
-  }
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-    if (inverted[parts.of_face[f]] != 0) std::swap(mesh.faces[f][1], mesh.faces[f][2]);
-  return count;
-}
-
-/// Moves vertices at the position of earlier ones towards the middle of their own faces, each farther than the one
-/// before it.
-void move_apart(Mesh& mesh, double distance) {
-  std::unordered_map<Eigen::Vector3f, int, PositionHash> count;
-  std::vector<int> earlier(mesh.vertices.size(), 0);
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) earlier[v] = count[mesh.vertices[v]]++;
-  if (std::all_of(earlier.begin(), earlier.end(), [](int n) { return n == 0; })) return;
-  std::vector<Eigen::Vector3d> middle(mesh.vertices.size(), Eigen::Vector3d::Zero());
-  for (const Triangle& face : mesh.faces) {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (const std::int32_t v : face) sum += mesh.vertices[at(v)].cast<double>();
-    for (const std::int32_t v : face) middle[at(v)] += sum / 3.0 - mesh.vertices[at(v)].cast<double>();
-  }
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (earlier[v] == 0 || middle[v].norm() == 0.0) continue;
-    const Eigen::Vector3d moved = mesh.vertices[v].cast<double>() + earlier[v] * distance * middle[v].normalized();
-    mesh.vertices[v] = moved.cast<float>();
-  }
-}
-
-}  // namespace
 
 double merge_distance(const Mesh& mesh, const RepairOptions& options) {
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
@@ -90,8 +51,7 @@ Repaired repair(const Mesh& mesh, const RepairOptions& options) {
     result.place.resize(result.mesh.vertices.size(), -1);
   }
   result.turned_parts = turn_outward(result.mesh);
-  constexpr double kShareApart = 1e-6;
-  move_apart(result.mesh, kShareApart * bounding_box(result.mesh.vertices).diagonal());
+  move_apart(result.mesh);
   return result;
 }
 

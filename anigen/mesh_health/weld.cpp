@@ -149,4 +149,24 @@ WeldedMesh weld(const Mesh& mesh, double distance) {
   return result;
 }
 
+void move_apart(Mesh& mesh) {
+  constexpr double kShare = 1e-6;
+  const double distance = kShare * bounding_box(mesh.vertices).diagonal();
+  std::unordered_map<Eigen::Vector3f, int, PositionHash> count;
+  std::vector<int> earlier(mesh.vertices.size(), 0);
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) earlier[v] = count[mesh.vertices[v]]++;
+  if (std::all_of(earlier.begin(), earlier.end(), [](int n) { return n == 0; })) return;
+  std::vector<Eigen::Vector3d> middle(mesh.vertices.size(), Eigen::Vector3d::Zero());
+  for (const Triangle& face : mesh.faces) {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const std::int32_t v : face) sum += mesh.vertices[at(v)].cast<double>();
+    for (const std::int32_t v : face) middle[at(v)] += sum / 3.0 - mesh.vertices[at(v)].cast<double>();
+  }
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    if (earlier[v] == 0 || middle[v].norm() == 0.0) continue;
+    const Eigen::Vector3d moved = mesh.vertices[v].cast<double>() + earlier[v] * distance * middle[v].normalized();
+    mesh.vertices[v] = moved.cast<float>();
+  }
+}
+
 }  // namespace anigen::mesh_health

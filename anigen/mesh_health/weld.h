@@ -28,6 +28,11 @@ WeldedMesh weld(const Mesh& mesh, double distance = 0.0);
 /// A face whose corners stand on one line, up to the rounding of a product of doubles.
 bool is_degenerate(const std::vector<Eigen::Vector3f>& vertices, const Triangle& face);
 
+/// Moves vertices at the position of earlier ones into their own part, towards the middle of their faces, by a
+/// millionth of the box's diagonal, the third of one position by two: formats without indices, and programs that weld,
+/// would make them one again.
+void move_apart(Mesh& mesh);
+
 /// A position as a key of a hash table; 0 and -0 are equal.
 struct PositionHash {
   std::size_t operator()(const Eigen::Vector3f& position) const;
