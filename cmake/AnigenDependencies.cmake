@@ -33,12 +33,13 @@ find_library(MESHOPTIMIZER_LIBRARY meshoptimizer REQUIRED)
 find_path(LEMON_INCLUDE_DIR lemon/network_simplex.h REQUIRED)
 find_library(LEMON_LIBRARY lemon REQUIRED)
 
-# CGAL: only anigen/curve_skeleton and two benchmarks, whose programs are then GPL-3 as binaries.
-option(ANIGEN_WITH_CGAL "Build curve skeletons by CGAL, whose programs are then GPL-3, when CGAL is there" ON)
+# CGAL: only anigen/curve_skeleton, anigen/mesh_health and two benchmarks, whose programs are then GPL-3 as binaries.
+# Alpha_wrap_3 came with 5.5, which Debian 12 has.
+option(ANIGEN_WITH_CGAL "Build curve skeletons and anigen-mesh by CGAL, whose programs are then GPL-3, when CGAL is there" ON)
 if(ANIGEN_WITH_CGAL)
-  find_package(CGAL QUIET)
+  find_package(CGAL 5.5 QUIET)
   if(NOT CGAL_FOUND)
-    message(STATUS "CGAL not found: no curve skeletons, and benchmarks leave its rows out")
+    message(STATUS "CGAL 5.5 or newer not found: no curve skeletons, no anigen-mesh, and benchmarks leave its rows out")
   endif()
 endif()
 

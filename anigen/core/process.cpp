@@ -431,6 +431,7 @@ GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessL
       return outcome;
     }
     if (end) break;
+    if (limits.while_waiting) limits.while_waiting();
     if (std::chrono::duration<double>(Clock::now() - start).count() > kPatience * std::max(1.0, limits.cpu_seconds)) {
       outcome.failure = "did not finish within " +
                         std::to_string(static_cast<long>(kPatience * std::max(1.0, limits.cpu_seconds))) + " s";

@@ -143,6 +143,8 @@ struct ProcessLimits {
   double cpu_seconds = 60.0;
   std::uint64_t more_memory =
       0;  ///< bytes of address space beyond what this process has; 0: as much as the machine has
+  /// Called here many times a second while the work runs, to show progress; the work is ended by what it throws.
+  std::function<void()> while_waiting = {};
 };
 
 /// Outcome of guarded work.

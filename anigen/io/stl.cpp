@@ -3,12 +3,14 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <unordered_map>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/text.h"
 #include "anigen/io/arrays/ndarray.h"
 #include "anigen/io/obj.h"
@@ -147,12 +149,36 @@ Mesh read_binary(const std::string& bytes, const std::string& file) {
   return corners.finish();
 }
 
+void append_word(std::string& bytes, std::uint32_t word) {
+  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>((word >> shift) & 0xFFu));
+}
+
+void append_place(std::string& bytes, const Eigen::Vector3f& place) {
+  for (const float x : place) append_word(bytes, Eigen::numext::bit_cast<std::uint32_t>(x));
+}
+
 }  // namespace
 
 Mesh read_stl(const std::filesystem::path& path) {
   const std::string file = path.string();
   const std::string bytes = read_file(path, kMostStlBytes);
   return is_text(bytes) ? TextReader(bytes, file).read() : read_binary(bytes, file);
+}
+
+void write_stl(const std::filesystem::path& path, const Mesh& mesh) {
+  refuse_unsound_mesh(mesh, path.string());
+  if (mesh.faces.empty()) throw InputError(path.string(), "", "the mesh has no faces");
+  if (mesh.faces.size() > std::numeric_limits<std::uint32_t>::max())
+    throw InputError(path.string(), "", "has more faces than the format can count");
+  std::string bytes = "binary STL of AniGen in C++";  // not "solid", by which text is told
+  bytes.resize(kHeaderBytes - 4, ' ');
+  append_word(bytes, static_cast<std::uint32_t>(mesh.faces.size()));
+  for (const Triangle& face : mesh.faces) {
+    append_place(bytes, face_normal(mesh.vertices, face).cast<float>());
+    for (const std::int32_t v : face) append_place(bytes, mesh.vertices[at(v)]);
+    bytes.append(2, '\0');
+  }
+  write_file_atomically(path, bytes);
 }
 
 }  // namespace anigen::io

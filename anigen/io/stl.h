@@ -12,5 +12,8 @@ namespace anigen::io {
 /// @throws InputError naming line or byte: cut short, a word or number that does not belong there, a number that is not
 /// finite, no triangle
 Mesh read_stl(const std::filesystem::path& path);
+/// Binary, atomic: corners and normals of faces, nothing else of the mesh.
+/// @throws InputError when the mesh is unsound or has no faces, or more than the format can count
+void write_stl(const std::filesystem::path& path, const Mesh& mesh);
 
 }  // namespace anigen::io

@@ -140,6 +140,20 @@ TEST(GuardedProcess, EndsWhatNeverEnds) {
   EXPECT_EQ(work.failure, "took more than 1 s of processor time");
 }
 
+TEST(GuardedProcess, IsEndedByWhatTheWaitThrows) {
+  ProcessLimits limits;
+  int waits = 0;
+  limits.while_waiting = [&] {
+    if (++waits == 3) throw Interrupted("enough");
+  };
+  const auto never_ends = [] {
+    for (;;) ::pause();
+    return std::string();
+  };
+  EXPECT_THROW(run_guarded(never_ends, limits), Interrupted);
+  EXPECT_EQ(waits, 3);
+}
+
 TEST(GuardedProcess, BoundsTheMemory) {
   ProcessLimits limits;
   limits.more_memory = std::uint64_t{256} << 20;

@@ -17,7 +17,7 @@ import sys
 import tempfile
 
 PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/evaluation.md",
-         "docs/experiments.md", "README.md"]
+         "docs/experiments.md", "docs/mesh-health.md", "README.md"]
 # The section whose commands make what the other pages start from.
 FIRST = ("docs/getting_started.md", "All stages by hand")
 
@@ -225,6 +225,8 @@ def folder_of(page, work, made, source):
 
 def main():
     source, programs = pathlib.Path(sys.argv[1]).resolve(), pathlib.Path(sys.argv[2]).resolve()
+    if not (programs / "anigen-mesh").exists():  # built with CGAL alone
+        PAGES.remove("docs/mesh-health.md")
     chosen = sys.argv[3:] or PAGES
     with tempfile.TemporaryDirectory(prefix="anigen-documentation-") as name:
         work = pathlib.Path(name)

@@ -1,5 +1,6 @@
 // Every program ends with status 2, and a sentence that names the option, when a number is out of its range or an
-// option would be ignored: refused_options FOLDER_OF_PROGRAMS [torch]
+// option would be ignored: refused_options FOLDER_OF_PROGRAMS [torch] [mesh], the words for programs that were built
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <cstring>
@@ -101,12 +102,16 @@ class Check {
   std::size_t checked_ = 0, failed_ = 0;
 };
 
-void check_numbers(Check& check, bool torch) {
+void check_numbers(Check& check, bool torch, bool mesh) {
   std::vector<std::string> programs{"anigen-inspect", "anigen-prepare",    "anigen-prepare merge", "anigen-eval",
                                     "anigen-rig",     "anigen-experiment", "anigen-experiment run"};
   if (torch) {
     programs.insert(programs.end(), {"anigen-train", "anigen-generate", "anigen-encode", "anigen-encode reconstruct",
                                      "anigen-encode grouping"});
+  }
+  if (mesh) {
+    programs.insert(programs.end(), {"anigen-mesh check", "anigen-mesh repair", "anigen-mesh wrap",
+                                     "anigen-mesh remesh", "anigen-mesh simplify"});
   }
   std::size_t options = 0;
   for (const std::string& program : programs) options += check.number_ranges(program);
@@ -146,6 +151,15 @@ void check_numbers(Check& check, bool torch) {
   }
   check.refuses("anigen-generate --image a.png --output x --matting-network m.onnx --matting-deviation 0.5,0,0.5",
                 {"--matting-deviation: '0' is not a finite number above 0"});
+}
+
+void check_mesh_program(Check& check) {
+  check.refuses("anigen-mesh", {"A subcommand is required"});
+  check.refuses("anigen-mesh remesh a.glb -o b.glb --alpha 0.1", {"--alpha: anigen-mesh has no such option"});
+  check.refuses("anigen-mesh remesh a.glb -o b.glb --faces 10 --edge-length 0.1", {"--edge-length", "--faces"});
+  check.refuses("anigen-mesh simplify a.glb -o b.glb", {"--faces", "--reduction"});
+  check.refuses("anigen-mesh repair a.glb -o b.fbx", {"b.fbx", ".glb", ".stl"});
+  check.refuses("anigen-mesh repair a.glb -o b.glb --keep-going", {"--keep-going", "check"});
 }
 
 void check_ignored(Check& check, bool torch) {
@@ -277,13 +291,17 @@ void check_ignored(Check& check, bool torch) {
 
 int main(int argc, char** argv) {
   try {
-    require(argc >= 2, "usage: refused_options FOLDER_OF_PROGRAMS [torch]");
-    const bool torch = argc > 2 && std::strcmp(argv[2], "torch") == 0;
+    require(argc >= 2, "usage: refused_options FOLDER_OF_PROGRAMS [torch] [mesh]");
+    const auto given = [&](const char* word) {
+      return std::any_of(argv + 2, argv + argc, [&](const char* other) { return std::strcmp(other, word) == 0; });
+    };
+    const bool torch = given("torch"), mesh = given("mesh");
     const anigen::test::TemporaryFolder folder;
     require(::chdir(folder.path().c_str()) == 0, "cannot enter " + folder.path().string());
     Check check(argv[1]);
-    check_numbers(check, torch);
+    check_numbers(check, torch, mesh);
     check_ignored(check, torch);
+    if (mesh) check_mesh_program(check);
     std::printf("%zu of %zu checks failed\n", check.failed(), check.checked());
     return check.failed() == 0 ? 0 : 1;
   } catch (const std::exception& error) {

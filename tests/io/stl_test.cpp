@@ -108,5 +108,19 @@ TEST(Stl, RefusesByPlace) {
             "line 2: \"sphere\" is none of solid, facet, outer loop, vertex, endloop, endfacet, endsolid");
 }
 
+TEST(Stl, WritesWhatItReads) {
+  const Mesh mesh = parsed_stl(binary(kSquare));
+  const test::TemporaryFolder folder;
+  write_stl(folder / "square.stl", mesh);
+  expect_square(read_stl(folder / "square.stl"));
+  EXPECT_EQ(std::filesystem::file_size(folder / "square.stl"), 84u + 2 * 50u);
+  Mesh broken = mesh;
+  broken.faces.clear();
+  EXPECT_THROW(write_stl(folder / "none.stl", broken), InputError);
+  broken.faces = {{0, 1, 9}};
+  EXPECT_THROW(write_stl(folder / "none.stl", broken), InputError);
+  EXPECT_FALSE(std::filesystem::exists(folder / "none.stl"));
+}
+
 }  // namespace
 }  // namespace anigen::io

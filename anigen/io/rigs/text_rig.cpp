@@ -45,9 +45,10 @@ fs::path mesh_of_text_rig(const fs::path& rig) {
   const std::string suffix = "_rig", data = "rig_info";
   if (stem.size() > suffix.size() && stem.compare(stem.size() - suffix.size(), suffix.size(), suffix) == 0)
     places.push_back(folder / (stem.substr(0, stem.size() - suffix.size()) + ".obj"));
-  const std::string name = fs::absolute(folder).filename().string();
+  const fs::path whole = fs::absolute(rig).parent_path();  // the folder of a bare file name is empty
+  const std::string name = whole.filename().string();
   if (name.compare(0, data.size(), data) == 0)
-    places.push_back(fs::absolute(folder).parent_path() / ("obj" + name.substr(data.size())) / (stem + ".obj"));
+    places.push_back(whole.parent_path() / ("obj" + name.substr(data.size())) / (stem + ".obj"));
   for (const fs::path& place : places) {
     std::error_code error;
     if (fs::is_regular_file(place, error)) return place;
