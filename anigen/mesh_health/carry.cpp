@@ -270,10 +270,7 @@ CarriedAsset carry_to_new_surface(const Asset& from, Mesh surface) {
   }
   asset.images.clear();
   if (!from.mesh.uvs.empty()) result.lost.emplace_back("texture coordinates");
-  if (!from.mesh.normals.empty()) {
-    surface.normals = angle_weighted_normals(surface.vertices, surface.faces);
-    result.lost.emplace_back("normals of its own");
-  }
+  if (!from.mesh.normals.empty()) surface.normals = angle_weighted_normals(surface.vertices, surface.faces);
   asset.mesh = std::move(surface);
   return result;
 }

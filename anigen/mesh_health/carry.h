@@ -21,7 +21,7 @@ CarriedAsset carry_to_repaired(const Asset& from, const Repaired& repaired, cons
 
 /// The asset with a new surface near the old one. Each vertex gets the skin weights of its nearest place
 /// (geometry::matching_places), and its base colour there where the asset has colours, textures or several materials:
-/// these become vertex colours, linear. Skeleton and animations stay, texture coordinates go.
+/// these become vertex colours, linear. Skeleton and animations stay, texture coordinates go, normals are made anew.
 /// @throws InputError when a texture cannot be decoded
 CarriedAsset carry_to_new_surface(const Asset& from, Mesh surface);
 
