@@ -10,7 +10,7 @@ namespace anigen::io::fbx_export {
 
 namespace {
 
-constexpr std::uint32_t kVersion = 7400;
+constexpr std::uint32_t kFormatVersion = 7400;
 constexpr std::size_t kNullRecord = 13;
 // An array shorter than this stays as it is: zlib's header would eat what is won.
 constexpr std::size_t kLeastCompressed = 128;
@@ -120,14 +120,14 @@ std::string_view file_id() { return bytes_of(kFileId); }
 
 std::string file_bytes(const std::list<Record>& records, const std::string& file) {
   std::string out("Kaydara FBX Binary  \0\x1a\0", 23);
-  append_u32(kVersion, out);
+  append_u32(kFormatVersion, out);
   for (const Record& record : records) record.append_to(out);
   out.append(kNullRecord, '\0');
   out.append(bytes_of(kFooterId));
   out.append(4, '\0');
   // At least one byte, up to the next multiple of 16.
   out.append(16 - out.size() % 16, '\0');
-  append_u32(kVersion, out);
+  append_u32(kFormatVersion, out);
   out.append(120, '\0');
   out.append(bytes_of(kFileEnd));
   if (out.size() > std::numeric_limits<std::uint32_t>::max())

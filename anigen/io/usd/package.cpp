@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint32_t kLocalHeader = 0x04034b50, kDirectoryEntry = 0x02014b50, kDirectoryEnd = 0x06054b50;
 constexpr std::size_t kLocalHeaderSize = 30, kExtraHeaderSize = 4;
 constexpr std::uint16_t kPadding = 0x1986;  // id of the extra field that only fills up
-constexpr std::uint16_t kVersion = 10, kStored = 0, kFirstDay = 0x21;
+constexpr std::uint16_t kZipVersion = 10, kStored = 0, kFirstDay = 0x21;
 
 void append_u16(std::size_t value, std::string& out) {
   out += static_cast<char>(value & 0xFF);
@@ -34,7 +34,7 @@ std::size_t extra_length(std::size_t offset) {
 
 /// The fields that a local header and its entry in the directory share.
 void append_common(const PackageFile& file, std::size_t crc, std::size_t extra, std::string& out) {
-  append_u16(kVersion, out);
+  append_u16(kZipVersion, out);
   append_u16(0, out);  // flags
   append_u16(kStored, out);
   append_u16(0, out);  // time
@@ -72,7 +72,7 @@ std::string package_bytes(const std::vector<PackageFile>& files, const std::stri
     }
     out += file.bytes;
     append_u32(kDirectoryEntry, directory);
-    append_u16(kVersion, directory);
+    append_u16(kZipVersion, directory);
     append_common(file, crc, 0, directory);
     append_u16(0, directory);  // comment
     append_u16(0, directory);  // disk
