@@ -170,8 +170,10 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                {"--image", "--image-split", "--image-dataset", "--limit", "--retrieval-views", "--retrieval-encoder",
                 "--background", "--condition"},
                whose + "; it is for retrieval");
-  if (!io::has_extension(options.request.out, {".vrm"}))
-    refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
+  const bool is_vrm = io::has_extension(options.request.out, {".vrm"});
+  if (is_vrm && options.skin == "none")
+    throw InputError("", "--output", "a .vrm needs weights, and --skin none writes the skeleton alone");
+  if (!is_vrm) refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
   const bool learned = method == kAnymate || method == kRignet;
   if (!learned) {
     refuse_given(app, {"--joint-model", "--connectivity-model", "--skin-model"},
