@@ -87,9 +87,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
 void add_engine_options(CLI::App& app, RigArguments& options) {
   rigging::RigRequest& request = options.request;
   add_option(app, "--bone-axes", options.bone_axes);
-  add_option(app, "--height", request.engine.height)
-      ->check(number(0, 1'000'000, RangeEnds::kOpenBelow))
-      ->default_str("");
+  add_option(app, "--height", request.engine.height)->check(number(0, 100'000, RangeEnds::kOpenBelow))->default_str("");
   add_option(app, "--ground", request.engine.ground);
   add_option(app, "--root-bone", request.engine.root_bone);
   add_option(app, "--names", options.names);

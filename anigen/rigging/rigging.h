@@ -1,9 +1,15 @@
 #pragma once
 /// Riggers that learn nothing: Pinocchio embedding, curve joints, templates; weights by bone heat, geodesic voxels or
-/// nearest bone. rig_meshes.h runs a method over many meshes.
+/// nearest bone. rig_meshes.h runs a method over many meshes. Humanoids, bone axes, rigs for engines and VRM.
 #include "anigen/rigging/binding.h"
+#include "anigen/rigging/bone_axes.h"
 #include "anigen/rigging/bone_heat.h"
 #include "anigen/rigging/curve.h"
+#include "anigen/rigging/engine_rig.h"
+#include "anigen/rigging/human_bones.h"
+#include "anigen/rigging/humanoid.h"
+#include "anigen/rigging/humanoid_limbs.h"
+#include "anigen/rigging/humanoid_names.h"
 #include "anigen/rigging/pinocchio.h"
 #include "anigen/rigging/pinocchio_discrete.h"
 #include "anigen/rigging/pinocchio_solid.h"
@@ -12,3 +18,4 @@
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/rigging/surface.h"
 #include "anigen/rigging/voxels.h"
+#include "anigen/rigging/vrm.h"
