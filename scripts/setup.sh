@@ -49,10 +49,10 @@ for library in libblas.so.3 liblapack.so.3 libopenblas.so.0; do
   fi
 done
 
-# The Khronos validator checks exported files in the tests, three.js shows assets in reports. npm is optional: without
+# The Khronos validator checks exported files in the tests, three.js shows assets in reports and, with three-vrm, loads VRM files in the tests. npm is optional: without
 # it the checks are skipped, and reports have no 3D views.
 root=$(cd "$(dirname "$0")/.." && pwd)
-for package in gltf-validator@2.0.0-dev.3.10 three@0.171.0; do
+for package in gltf-validator@2.0.0-dev.3.10 three@0.171.0 @pixiv/three-vrm@3.4.0; do
   if command -v npm >/dev/null && [ ! -d "$root/.cache/node/node_modules/${package%@*}" ]; then
     mkdir -p "$root/.cache/node"
     npm install --silent --no-fund --no-audit --prefix "$root/.cache/node" "$package" >/dev/null 2>&1 ||

@@ -103,9 +103,7 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
 void add_engine_options(CLI::App& app, RigArguments& options) {
   rigging::RigRequest& request = options.request;
   add_option(app, "--bone-axes", options.bone_axes);
-  add_option(app, "--height", request.engine.height)
-      ->check(number(0, 1'000'000, RangeEnds::kOpenBelow))
-      ->default_str("");
+  add_option(app, "--height", request.engine.height)->check(number(0, 100'000, RangeEnds::kOpenBelow))->default_str("");
   add_option(app, "--ground", request.engine.ground);
   add_option(app, "--root-bone", request.engine.root_bone);
   add_option(app, "--names", options.names);
@@ -169,8 +167,10 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                {"--image", "--image-split", "--image-dataset", "--limit", "--retrieval-views", "--retrieval-encoder",
                 "--background", "--condition"},
                whose + "; it is for retrieval");
-  if (!io::has_extension(options.request.out, {".vrm"}))
-    refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
+  const bool is_vrm = io::has_extension(options.request.out, {".vrm"});
+  if (is_vrm && options.skin == "none")
+    throw InputError("", "--output", "a .vrm needs weights, and --skin none writes the skeleton alone");
+  if (!is_vrm) refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
   const bool learned = method == kAnymate || method == kRignet;
   if (!learned) {
     refuse_given(app, {"--joint-model", "--connectivity-model", "--skin-model"},

@@ -3,6 +3,7 @@
 /// 1 inside [-0.5, 0.5]^3. Joints stand parents before children, joint 0 is the only root; skin weights are sparse
 /// rows that sum to 1.
 #include "anigen/asset/animation.h"
+#include "anigen/asset/joint_side.h"
 #include "anigen/asset/mesh.h"
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/asset/skeleton.h"

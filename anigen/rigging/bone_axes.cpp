@@ -19,7 +19,7 @@ constexpr double kSameWay = 0.5;
 /// Cosine beyond which a bone lies along the reference of its roll.
 constexpr double kAlongReference = 0.8;
 
-/// Where the bones of a skeleton point.
+/// Directions of the bones of a skeleton.
 class BoneDirections {
  public:
   explicit BoneDirections(const Skeleton& skeleton)

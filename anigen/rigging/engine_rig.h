@@ -31,7 +31,7 @@ struct EngineRig {
   std::vector<int> new_joint;  ///< joint of `skeleton` per joint of the one that was given
   Humanoid humanoid;           ///< in `skeleton`; empty where neither names nor options ask for one
   Eigen::Matrix4d placement = Eigen::Matrix4d::Identity();  ///< for the mesh: rotation about z, scale, translation
-  /// Whether joints, their tree, places and axes are those that were given: names alone are new.
+  /// True where joints, their tree, places and axes are those that were given: names alone are new.
   bool has_given_joints = false;
   std::string note;  ///< for the report; may be empty
 };

@@ -39,7 +39,7 @@ enum class HumanBone {
 inline constexpr std::size_t kHumanBones = static_cast<std::size_t>(HumanBone::kEnd);
 inline constexpr std::size_t index_of(HumanBone bone) { return static_cast<std::size_t>(bone); }
 
-/// The same bone of the other side; central bones are their own.
+/// Counterpart of a bone on the other side; central bones are their own.
 std::size_t mirrored_bone(std::size_t bone);
 
 /// Bone of a limb on the right (side 1) for one on the left (side 0), a finger's likewise.

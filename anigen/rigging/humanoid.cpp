@@ -90,7 +90,7 @@ class HumanoidSearch {
     if (hints == NameHints::kUsed) {
       const Joints named = joints_by_name(skeleton_.names, parents_, carries_);
       take(named, true);
-      // What names leave open, as long as it is no other joint's.
+      // Places fill in for names with joints that no name has taken.
       for (const Joints& placed : by_place) {
         Joints both = named;
         for (std::size_t bone = 0; bone < kHumanBones; ++bone) {
@@ -285,7 +285,7 @@ std::vector<int> humanoid_parents(const std::vector<int>& parents, const Humanoi
     if (humanoid[bone] < 0 || needed == kHumanBones || humanoid[needed] < 0) continue;
     const int joint = humanoid[bone];
     if (stands_above(result, humanoid[needed], joint)) continue;
-    // What hangs on the bone and leads to the one it needs takes its place, so that no ring arises.
+    // The joint below it that leads to the bone it needs takes its place, so that no ring arises.
     for (int j = humanoid[needed]; j >= 0; j = result[at(j)]) {
       if (result[at(j)] != joint) continue;
       result[at(j)] = result[at(joint)];

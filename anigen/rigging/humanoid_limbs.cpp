@@ -112,7 +112,7 @@ class PlacedTree {
     return sum / static_cast<double>(chain.size());
   }
 
-  /// Whether the first joints that are apart lie beside each other. A leg and a tail do not.
+  /// True where the first joints that are apart lie beside each other, as those of a leg and a tail do not.
   bool lie_across(const std::vector<int>& left, const std::vector<int>& right) const {
     for (std::size_t i = 0; i < std::min(left.size(), right.size()); ++i) {
       Eigen::Vector3d apart = place(left[i]) - place(right[i]);

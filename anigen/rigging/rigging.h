@@ -1,9 +1,16 @@
 #pragma once
 /// Riggers that learn nothing: Pinocchio embedding, curve joints, templates; weights by bone heat, geodesic voxels or
 /// nearest bone, and features of them for a network that corrects them. rig_meshes.h runs a method over many meshes.
+/// Humanoids, bone axes, rigs for engines and VRM.
 #include "anigen/rigging/binding.h"
+#include "anigen/rigging/bone_axes.h"
 #include "anigen/rigging/bone_heat.h"
 #include "anigen/rigging/curve.h"
+#include "anigen/rigging/engine_rig.h"
+#include "anigen/rigging/human_bones.h"
+#include "anigen/rigging/humanoid.h"
+#include "anigen/rigging/humanoid_limbs.h"
+#include "anigen/rigging/humanoid_names.h"
 #include "anigen/rigging/pinocchio.h"
 #include "anigen/rigging/pinocchio_discrete.h"
 #include "anigen/rigging/pinocchio_solid.h"
@@ -11,5 +18,8 @@
 #include "anigen/rigging/pinocchio_template.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/rigging/skin_features.h"
+#include "anigen/rigging/species_templates.h"
 #include "anigen/rigging/surface.h"
 #include "anigen/rigging/voxels.h"
+#include "anigen/rigging/vrm.h"
+#include "anigen/rigging/write_rig.h"

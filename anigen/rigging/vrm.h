@@ -10,7 +10,7 @@
 
 namespace anigen::rigging {
 
-/// What a VRM file says about itself. Permissions are those that VRM takes where a file says nothing: use by the author
+/// Title, authors and permissions of a VRM file. Permissions are those that VRM takes where a file says nothing: use by the author
 /// alone, no redistribution, no changes.
 struct VrmMeta {
   std::string name;                  ///< of the model; empty: "model"

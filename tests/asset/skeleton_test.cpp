@@ -91,6 +91,13 @@ TEST(JointNames, WithoutAMirrorImageTheLongestWayGoesOn) {
             (Names{"chain_0_00", "chain_1_00", "chain_0_01", "chain_0_02", "chain_1_01"}));
 }
 
+TEST(MirroredJoints, AreThoseOfOneNameButForTheSide) {
+  const Biped biped;
+  EXPECT_EQ(mirrored_joints(biped.positions, biped.parents),
+            (std::vector<int>{-1, -1, -1, 5, 6, 3, 4, 9, 10, 7, 8, -1, -1}));
+  EXPECT_TRUE(mirrored_joints({}, {}).empty());
+}
+
 TEST(JointNames, SmallMovementsKeepThem) {
   Biped biped;
   const Names names = joint_names(biped.positions, biped.parents);

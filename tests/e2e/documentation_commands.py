@@ -16,8 +16,8 @@ import subprocess
 import sys
 import tempfile
 
-PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/evaluation.md",
-         "docs/experiments.md", "docs/mesh-health.md", "README.md"]
+PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/engines.md",
+         "docs/evaluation.md", "docs/experiments.md", "docs/mesh-health.md", "README.md"]
 # The section whose commands make what the other pages start from.
 FIRST = ("docs/getting_started.md", "All stages by hand")
 
@@ -194,6 +194,14 @@ def fixtures(work, env):
         shutil.copy(data / f"renders_cond/{test}/000.png", made / picture)
     for asset in train + [test]:
         shutil.copy(data / f"skeleton/{asset}/skeleton_voxelized.npz", made / f"weights/{asset}.npz")
+    # The first humanoid among procedural creatures.
+    subprocess.run(["anigen-prepare", "--procedural", "16", "--procedural-test", "0", "--only", "import", "--only", "asset",
+                    "--output", "heroes", "--quiet"], cwd=work, env=env, check=True, stdout=subprocess.DEVNULL)
+    for hero in sorted((work / "heroes/assets").glob("*.glb")):
+        command = ["anigen-rig", str(hero), "--method", "nearest", "--names", "vrm", "--output", str(work / "named.glb")]
+        if subprocess.run(command, cwd=work, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0:
+            shutil.copy(hero, made / "hero.glb")
+            break
     (made / "pairs.csv").write_text("pred,gt\nrigs/horse.glb,rigs/horse.glb\n")
     (made / "test.txt").write_text("horse\n")
     (made / "walk.bvh").write_text(BVH)

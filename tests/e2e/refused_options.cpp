@@ -224,6 +224,14 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "anymate --skin-model . --skin learned", {"--skin", "--skin-model"});
   check.refuses(rig + "heat --image a.png", {"--image", "retrieval"});
   check.refuses(rig + "heat --points 100", {"--points", "anymate"});
+  check.refuses(rig + "heat --author A", {"--author", ".vrm"});
+  check.refuses(rig + "heat --copyright C", {"--copyright", ".vrm"});
+  check.refuses(rig + "heat --height 0", {"--height", "above 0"});
+  check.refuses(rig + "heat --bone-axes up", {"--bone-axes", "along"});
+  check.refuses(rig + "heat --names blender", {"--names", "unreal"});
+  check.refuses("anigen-rig --mesh a.glb --output b.vrm --skin none", {"--skin none", ".vrm"});
+  check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --ground",
+                {"--ground", "retrieval"});
   check.refuses(rig + "anymate --joint-distance 0.1", {"--joint-distance", "--joint-model"});
   check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --mesh a.glb",
                 {"--mesh", "--method retrieval"});

@@ -108,7 +108,7 @@ TEST_P(GltfExportAxes, InverseBindMatricesUndoTheTurnedBindPose) {
   }
 }
 
-// What engines show as the rotation of a joint is none, and the bind pose is as with any other axes of the joints.
+// Engines show no rotation at any joint, and the bind pose is as with any other axes of the joints.
 TEST_P(GltfExportAxes, UnrotatedJointsStandInTheFileWithoutRotation) {
   const test::TemporaryFolder folder;
   Asset asset = small_asset();
