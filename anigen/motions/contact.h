@@ -1,0 +1,11 @@
+#pragma once
+#include "anigen/motions/built_in.h"
+
+namespace anigen::motions {
+
+/// Largest way that a foot which stands slides along the ground, in heights of the body: horizontal distance of the
+/// middle of its sole from where it came down, on ground that moves with motion.ground_velocity. Measured in the clip,
+/// between its keys, too. 0 without contacts.
+double foot_slide(const Body& body, const BodyMotion& motion, const Animation& clip, const Skeleton& skeleton);
+
+}  // namespace anigen::motions
