@@ -9,26 +9,26 @@
 namespace anigen::motions {
 
 struct MotionOptions {
-  int frames = 0;      ///< key frames of a clip, the last one that closes the loop included; 0: by fps
-  double fps = 30.0;   ///< key frames per second, for frames = 0
-  double speed = 1.0;  ///< factor on how fast a motion runs
-  bool travel = false; ///< walk, run, swim, fly and slither go forward; else they stay in place
+  int frames = 0;       ///< key frames of a clip, the last one that closes the loop included; 0: by fps
+  double fps = 30.0;    ///< key frames per second, for frames = 0
+  double speed = 1.0;   ///< factor on how fast a motion runs
+  bool travel = false;  ///< walk, run, swim, fly and slither go forward; else they stay in place
 };
 
 /// Times at which a foot stands.
 struct FootContact {
-  int leg = 0;              ///< of Body::limbs
-  std::vector<bool> stands; ///< [N] per key frame
+  int leg = 0;               ///< of Body::limbs
+  std::vector<bool> stands;  ///< [N] per key frame
 };
 
 /// A motion of a body, before it becomes a clip.
 struct BodyMotion {
   std::string name;
-  std::vector<double> times;          ///< [N] seconds from 0
-  std::vector<JointMotions> poses;    ///< [N]
-  bool loops = true;                  ///< the last pose is the first one, but for travel
+  std::vector<double> times;                                  ///< [N] seconds from 0
+  std::vector<JointMotions> poses;                            ///< [N]
+  bool loops = true;                                          ///< the last pose is the first one, but for travel
   Eigen::Vector3d ground_velocity = Eigen::Vector3d::Zero();  ///< of the ground below a body that walks in place
-  std::vector<FootContact> contacts;  ///< of walks
+  std::vector<FootContact> contacts;                          ///< of walks
 };
 
 /// A motion that is built in.

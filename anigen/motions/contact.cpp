@@ -39,4 +39,54 @@ double foot_slide(const Body& body, const BodyMotion& motion, const Animation& c
   return largest / body.figure.height;
 }
 
+std::size_t keep_feet(const Body& body, BodyMotion& motion) {
+  constexpr std::size_t kFade = 4;      // frames
+  constexpr std::size_t kShortest = 3;  // frames that a foot stands at least
+  const std::size_t frames = motion.poses.size();
+  std::vector<bool> held(frames, false);
+  for (const FootContact& contact : motion.contacts) {
+    const Limb& leg = body.limbs[at(contact.leg)];
+    if (leg.ankle <= leg.hip + 1) continue;  // no knee to bend
+    const int ankle = leg.joints[leg.ankle];
+    std::vector<Eigen::Vector3d> correction(frames, Eigen::Vector3d::Zero());
+    std::vector<double> strength(frames, 0.0);
+    for (std::size_t f = 0; f < frames;) {
+      if (!contact.stands[f]) {
+        ++f;
+        continue;
+      }
+      std::size_t end = f;
+      Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+      for (; end < frames && contact.stands[end]; ++end) mean += motion.poses[end][at(ankle)](leg.contact);
+      const std::size_t count = end - f;
+      if (count >= kShortest) {
+        mean /= static_cast<double>(count);
+        mean.z() = leg.contact.z();
+        for (std::size_t k = f; k < end; ++k) {
+          correction[k] = mean - motion.poses[k][at(ankle)](leg.contact);
+          strength[k] = 1.0;
+          held[k] = true;
+        }
+        for (std::size_t k = 1; k <= kFade; ++k) {
+          const double fade = 1.0 - static_cast<double>(k) / (kFade + 1);
+          if (f >= k && !contact.stands[f - k] && fade > strength[f - k])
+            correction[f - k] = fade * correction[f], strength[f - k] = fade;
+          if (end - 1 + k < frames && !contact.stands[end - 1 + k] && fade > strength[end - 1 + k])
+            correction[end - 1 + k] = fade * correction[end - 1], strength[end - 1 + k] = fade;
+        }
+      }
+      f = end;
+    }
+    for (std::size_t f = 0; f < frames; ++f) {
+      if (!(strength[f] > 0.0)) continue;
+      Poser poser(body);
+      poser.set(motion.poses[f]);
+      const Eigen::Vector3d place = motion.poses[f][at(ankle)](body.figure.tree.positions[at(ankle)]) + correction[f];
+      poser.move_foot(leg, place);
+      motion.poses[f] = poser.motions();
+    }
+  }
+  return static_cast<std::size_t>(std::count(held.begin(), held.end(), true));
+}
+
 }  // namespace anigen::motions

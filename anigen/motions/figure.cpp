@@ -182,8 +182,7 @@ void set_mirrors(Figure& figure) {
 double asymmetry(const Figure& figure, const Vector3d& left, double middle, const std::vector<Vector3d>& points,
                  const geometry::PointIndex& index) {
   double sum = 0.0;
-  for (const Vector3d& p : points)
-    sum += std::sqrt(index.nearest(p + 2.0 * (middle - left.dot(p)) * left).squared);
+  for (const Vector3d& p : points) sum += std::sqrt(index.nearest(p + 2.0 * (middle - left.dot(p)) * left).squared);
   return sum / static_cast<double>(points.size()) / figure.size;
 }
 
@@ -219,8 +218,9 @@ void set_directions(Figure& figure) {
   std::map<std::string, std::array<int, 2>> named;
   for (std::size_t j = 0; j < figure.joints(); ++j) {
     const NamedSide name = side_of_name(figure.names[j]);
-    if (name.side != 0) named.try_emplace(name.rest, std::array<int, 2>{-1, -1}).first->second[name.side > 0 ? 0 : 1] =
-        static_cast<int>(j);
+    if (name.side != 0)
+      named.try_emplace(name.rest, std::array<int, 2>{-1, -1}).first->second[name.side > 0 ? 0 : 1] =
+          static_cast<int>(j);
   }
   Vector3d sum = Vector3d::Zero();
   double apart = 0.0, middle = 0.0;

@@ -68,8 +68,9 @@ Step step_of(const Gait& gait, std::size_t leg, double cycle) {
   Step step;
   step.along = half * (2.0 * smooth(s) - 1.0);
   step.up = gait.lift * std::pow(std::sin(kPi * s), 2.0) * (1.25 - 0.5 * s);
-  step.pitch = (gait.runs ? 45.0 : 28.0) * std::pow(std::sin(kPi * std::min(1.0, 1.6 * s)), 2.0) * (s < 0.625 ? 1.0 : 0.0) -
-               (s > 0.6 ? 10.0 * std::pow(std::sin(kPi * (s - 0.6) / 0.4), 2.0) : 0.0);
+  step.pitch =
+      (gait.runs ? 45.0 : 28.0) * std::pow(std::sin(kPi * std::min(1.0, 1.6 * s)), 2.0) * (s < 0.625 ? 1.0 : 0.0) -
+      (s > 0.6 ? 10.0 * std::pow(std::sin(kPi * (s - 0.6) / 0.4), 2.0) : 0.0);
   return step;
 }
 
@@ -192,9 +193,7 @@ Vector3d neutral_ankle(const Body& body, const Limb& leg) {
   return ankle;
 }
 
-bool stands(const Gait& gait, std::size_t leg, double cycle) {
-  return fraction(cycle + gait.phase[leg]) < gait.duty;
-}
+bool stands(const Gait& gait, std::size_t leg, double cycle) { return fraction(cycle + gait.phase[leg]) < gait.duty; }
 
 Gait gait_of(const Body& body, bool runs) {
   const std::size_t pairs = body.leg_pairs().size();
@@ -250,8 +249,7 @@ void place_feet(Poser& poser, const Gait& gait, double cycle) {
     const double pitch = legs.size() > 4 ? 0.0 : step.pitch;
     const double radians = std::abs(pitch) * kPi / 180.0;
     const double raised = std::sin(radians) * (pitch > 0.0 ? foot.toes : foot.heel);
-    const Vector3d ankle =
-        neutral_ankle(body, leg) + step.along * body.figure.forward + (step.up + raised) * kUp;
+    const Vector3d ankle = neutral_ankle(body, leg) + step.along * body.figure.forward + (step.up + raised) * kUp;
     poser.place_foot(leg, ankle, Quaterniond(AngleAxisd(pitch * kPi / 180.0, body.figure.left)));
   }
 }

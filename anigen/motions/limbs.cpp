@@ -16,10 +16,10 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kLeastMass = 1e-4;      ///< share of the surface below which a subtree is no limb
-constexpr double kGround = 0.07;         ///< heights above the ground that still count as touching it
-constexpr double kLeastLegDrop = 0.18;   ///< heights that a leg goes down at least
-constexpr double kLeastLimb = 0.08;      ///< sizes that arms, wings and tails are long at least
+constexpr double kLeastMass = 1e-4;     ///< share of the surface below which a subtree is no limb
+constexpr double kGround = 0.07;        ///< heights above the ground that still count as touching it
+constexpr double kLeastLegDrop = 0.18;  ///< heights that a leg goes down at least
+constexpr double kLeastLimb = 0.08;     ///< sizes that arms, wings and tails are long at least
 
 const std::vector<std::string> kLegWords = {"leg", "thigh", "shin", "foot", "feet", "calf", "knee", "paw", "hoof"};
 const std::vector<std::string> kWingWords = {"wing", "flipper"};
@@ -103,7 +103,7 @@ class Analysis {
     for (;;) {
       const std::vector<int> below = active_children(chain.back());
       if (below.empty()) return chain;
-      int best = -1;
+      int best = below.front();
       double most = -std::numeric_limits<double>::infinity();
       for (const int child : below) {
         const std::vector<int> part = figure_.subtree(child);
@@ -147,8 +147,7 @@ class Analysis {
   }
 
   bool any_says(const std::vector<int>& joints, const std::vector<std::string>& words) const {
-    return std::any_of(joints.begin(), joints.end(),
-                       [&](int j) { return name_says(figure_.names[at(j)], words); });
+    return std::any_of(joints.begin(), joints.end(), [&](int j) { return name_says(figure_.names[at(j)], words); });
   }
 
   bool is_leg(int first) const {
@@ -318,8 +317,7 @@ class Analysis {
 
   bool has_named_wings() const {
     const std::vector<int> roots = lateral_roots();
-    return std::any_of(roots.begin(), roots.end(),
-                       [&](int j) { return any_says(main_chain(j, false), kWingWords); });
+    return std::any_of(roots.begin(), roots.end(), [&](int j) { return any_says(main_chain(j, false), kWingWords); });
   }
 
   void add_head(int tip) {

@@ -45,8 +45,8 @@ struct Body {
   std::vector<int> of_kind(LimbKind kind) const;  ///< indices of limbs
   /// Left and right leg of each pair, from front to back.
   std::vector<std::array<int, 2>> leg_pairs() const;
-  bool is_upright() const;  ///< stands on two legs with its trunk nearer to the vertical than to the horizontal
-  bool is_snake() const;    ///< its axis lies on the ground
+  bool is_upright() const;    ///< stands on two legs with its trunk nearer to the vertical than to the horizontal
+  bool is_snake() const;      ///< its axis lies on the ground
   double leg_length() const;  ///< of the shortest leg, from hip to ground; 0 without legs
 };
 

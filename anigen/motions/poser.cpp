@@ -86,8 +86,8 @@ double flexion_for(const std::vector<Vector3d>& points, const std::vector<Bend>&
     largest = std::max(largest, bend.angle);
   }
   if (!(most > 0.0)) return 0.0;
-  const bool by_knee = std::any_of(bends.begin(), bends.end(),
-                                   [](const Bend& bend) { return bend.per_unit > bend.angle + 1e-12; });
+  const bool by_knee =
+      std::any_of(bends.begin(), bends.end(), [](const Bend& bend) { return bend.per_unit > bend.angle + 1e-12; });
   double low = by_knee ? -std::max(0.0, largest) / most : -1.0;
   double high = std::max(low, (150.0 * kPi / 180.0 - largest) / most);
   for (int step = 0; step < 50; ++step) {
@@ -163,7 +163,8 @@ void Poser::place_foot(const Limb& leg, const Vector3d& ankle, const Quaterniond
     const double length = (points[1] - points[0]).norm();
     const double level = std::min(std::hypot(way.x(), way.y()), 0.99 * length);
     const double scale = std::hypot(way.x(), way.y()) > 0.0 ? level / std::hypot(way.x(), way.y()) : 0.0;
-    way = Vector3d(scale * way.x(), scale * way.y(), (way.z() > 0.0 ? 1.0 : -1.0) * std::sqrt(length * length - level * level));
+    way = Vector3d(scale * way.x(), scale * way.y(),
+                   (way.z() > 0.0 ? 1.0 : -1.0) * std::sqrt(length * length - level * level));
   }
   std::vector<Quaterniond> bones;
   const Vector3d end = bent_end(points, bends, flexion_for(points, bends, distance), &bones);
@@ -180,6 +181,39 @@ void Poser::place_foot(const Limb& leg, const Vector3d& ankle, const Quaterniond
   } else {
     turns_[at(leg.joints[leg.ankle])] = (before.conjugate() * foot).normalized();
   }
+}
+
+void Poser::set(const JointMotions& pose) {
+  for (std::size_t j = 0; j < turns_.size(); ++j) {
+    const int parent = body_.figure.tree.parents[j];
+    const Quaterniond own(pose[j].turn);
+    turns_[j] = parent < 0 ? own : Quaterniond(pose[at(parent)].turn).conjugate() * own;
+    turns_[j].normalize();
+    if (parent < 0) shift_ = pose[j](bind(static_cast<int>(j))) - bind(static_cast<int>(j));
+  }
+}
+
+void Poser::move_foot(const Limb& leg, const Vector3d& ankle) {
+  const int hip = leg.joints[leg.hip], knee = leg.joints[leg.knee];
+  const Quaterniond foot = world_turn(leg.joints[leg.ankle]);
+  const auto aside = [&](const JointMotions& pose) {
+    const Vector3d from = pose[at(hip)](bind(hip)), way = (ankle - from).normalized();
+    const Vector3d bent = pose[at(knee)](bind(knee)) - from;
+    return Vector3d(bent - bent.dot(way) * way);
+  };
+  const Vector3d before = aside(motions());
+  place_foot(leg, ankle, foot);
+  const JointMotions placed = motions();
+  const Vector3d now = aside(placed), way = (ankle - placed[at(hip)](bind(hip))).normalized();
+  const double length = reach_of(body_, leg);
+  if (before.norm() < 0.02 * length || now.norm() < 0.02 * length) return;  // nearly straight: no direction
+  const double angle = std::atan2(now.cross(before).dot(way), now.dot(before));
+  const int above = body_.figure.tree.parents[at(hip)];
+  const Quaterniond carried = above < 0 ? Quaterniond::Identity() : world_turn(above);
+  turns_[at(hip)] =
+      (carried.conjugate() * Quaterniond(AngleAxisd(angle, way)) * carried * turns_[at(hip)]).normalized();
+  const int end = leg.joints[leg.ankle], shin = body_.figure.tree.parents[at(end)];
+  turns_[at(end)] = (world_turn(shin).conjugate() * foot).normalized();
 }
 
 double reach_of(const Body& body, const Limb& leg) {

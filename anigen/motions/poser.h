@@ -33,6 +33,11 @@ class Poser {
   /// @param ankle where the joint has to be @param foot turn of the foot since the bind pose, world axes
   void place_foot(const Limb& leg, const Eigen::Vector3d& ankle, const Eigen::Quaterniond& foot);
 
+  /// Starts from a pose; of joints' places only that of the root is taken over.
+  void set(const JointMotions& pose);
+  /// Moves the ankle of a leg in the pose as it is: foot and knee keep the directions that they have.
+  void move_foot(const Limb& leg, const Eigen::Vector3d& ankle);
+
   JointMotions motions() const;
   /// The turn that a joint has now, world axes.
   Eigen::Quaterniond world_turn(int joint) const;

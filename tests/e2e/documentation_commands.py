@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 
-PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/evaluation.md",
+PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/animation.md", "docs/evaluation.md",
          "docs/experiments.md", "README.md"]
 # The section whose commands make what the other pages start from.
 FIRST = ("docs/getting_started.md", "All stages by hand")

@@ -5,7 +5,7 @@
 set -euo pipefail
 failed=0
 fail() { echo "FAILED: $*"; failed=1; }
-for name in inspect prepare eval rig train encode generate experiment; do
+for name in inspect prepare eval rig animate train encode generate experiment; do
   program=$1/anigen-$name
   libraries=$(ldd "$program")
   if grep -q torch <<<"$libraries"; then fail "anigen-$name links LibTorch"; fi
