@@ -1,10 +1,9 @@
-#include <cstdio>
+#include <filesystem>
 #include <string>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/core/error.h"
 #include "anigen/core/text.h"
-#include "anigen/io/rigs/rig_listing.h"
 #include "anigen/motions/animate_files.h"
 
 namespace {
@@ -25,8 +24,7 @@ void animate(AnimateArguments& arguments, const CommonOptions& common) {
   request.keep_clips = !arguments.drop_clips;
   const std::vector<motions::AnimateReport> reports = motions::animate_files(request);
   print_result(motions::to_json(reports), motions::to_text(reports), common);
-  if (reports.size() == 1 && !reports.front().failure.empty() &&
-      io::has_extension(arguments.asset, {".glb", ".gltf", ".fbx", ".dae"}))
+  if (!std::filesystem::is_directory(arguments.asset) && !reports.front().failure.empty())
     throw InputError("", "", reports.front().failure);
   require_inputs(reports, "assets were not animated", common);
 }

@@ -71,8 +71,8 @@ std::vector<Job> jobs_of(const AnimateRequest& request) {
 }
 
 /// Clips of other files are read once, for all assets.
-std::vector<metrics::Motion> read_given(const AnimateRequest& request) {
-  std::vector<metrics::Motion> given;
+std::vector<SourceClip> read_given(const AnimateRequest& request) {
+  std::vector<SourceClip> given;
   for (const std::string& word : request.motions) {
     if (is_built_in(word)) {
       given.emplace_back();
@@ -122,7 +122,7 @@ void keep(const Body& body, const Skeleton& skeleton, const BodyMotion& motion, 
 }
 
 MadeClips make_clips(const Body& body, const Skeleton& skeleton, const AnimateRequest& request,
-                     const std::vector<metrics::Motion>& given) {
+                     const std::vector<SourceClip>& given) {
   MadeClips made;
   if (request.t_pose) keep(body, skeleton, t_pose(body), "built-in", made);
   for (std::size_t i = 0; i < request.motions.size(); ++i) {
@@ -131,7 +131,7 @@ MadeClips make_clips(const Body& body, const Skeleton& skeleton, const AnimateRe
       keep(body, skeleton, make_motion(body, request.motions[i], request.options), "built-in", made);
       continue;
     }
-    Retargeted moved = retarget_to(body, skeleton, given[i]);
+    Retargeted moved = retarget_to(body, given[i]);
     if (moved.motion.name.empty()) moved.motion.name = fs::path(request.motions[i]).stem().string();
     for (double& time : moved.motion.times) time /= request.options.speed;
     keep(body, skeleton, moved.motion, moved.by_limbs ? "by limbs" : "by transport of bones", made);
@@ -168,7 +168,7 @@ void draw(const AnimateRequest& request, const Job& job, bool several, const Ass
   write_clip_sheet(request.pictures, asset, clip);
 }
 
-AnimateReport animate(const Job& job, const AnimateRequest& request, const std::vector<metrics::Motion>& given,
+AnimateReport animate(const Job& job, const AnimateRequest& request, const std::vector<SourceClip>& given,
                       bool several) {
   AnimateReport report;
   report.asset = job.asset;
@@ -200,7 +200,7 @@ std::vector<AnimateReport> animate_files(const AnimateRequest& request) {
   if (several && io::has_extension(wanted.pictures, {".png"}))
     throw InputError(wanted.pictures.string(), "--turntable", "one sheet takes one asset; name a folder");
   refuse_lost_inputs(wanted, jobs);
-  const std::vector<metrics::Motion> given = read_given(wanted);
+  const std::vector<SourceClip> given = read_given(wanted);
   std::vector<AnimateReport> reports;
   Progress progress("animating", jobs.size(), "assets");
   for (const Job& job : jobs) {

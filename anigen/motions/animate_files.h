@@ -47,7 +47,7 @@ std::vector<AnimateReport> animate_files(const AnimateRequest& request);
 Json to_json(const std::vector<AnimateReport>& reports);
 std::string to_text(const std::vector<AnimateReport>& reports);
 
-/// What a file has: the parts of its body, motions that this can do, and clips with their lengths. A file without a
+/// Contents of a file: the parts of its body, motions that this can do, and clips with their lengths. A file without a
 /// skin has clips alone. @throws InputError as the readers
 Json listing(const std::filesystem::path& file);
 std::string listing_text(const Json& listing);

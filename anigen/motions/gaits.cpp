@@ -74,7 +74,7 @@ Step step_of(const Gait& gait, std::size_t leg, double cycle) {
   return step;
 }
 
-/// How far a foot's surface goes before and behind its ankle.
+/// Length of a foot's surface before and behind its ankle.
 struct FootLength {
   double toes = 0.0, heel = 0.0;
 };
@@ -97,9 +97,9 @@ bool reaches(const Body& body, const Gait& gait) {
   for (std::size_t i = 0; i < legs.size(); ++i) {
     const Limb& leg = *legs[i];
     if (leg.ankle <= leg.hip + 1) continue;  // of one piece
-    const Vector3d hip = bind_place(body, leg.joints[leg.hip]) - (gait.drop + gait.bob) * kUp;
+    const Vector3d hip = bind_place(body, leg.joints[leg.hip]) - (gait.drop - 0.5 * gait.bob) * kUp;
     const Vector3d neutral = neutral_ankle(body, leg);
-    const double most = 0.998 * reach_of(body, leg);
+    const double most = (gait.runs ? 0.985 : 0.995) * reach_of(body, leg);
     for (const double end : {-1.0, 1.0}) {
       const Vector3d ankle = neutral + end * 0.5 * gait.stride * gait.duty * body.figure.forward;
       if ((ankle - hip).norm() > most) return false;
@@ -116,8 +116,7 @@ void swing_arms(Poser& poser, double cycle, double degrees, double elbow) {
     const double swing = degrees * std::cos(2.0 * kPi * cycle) * arm.side;
     const std::size_t upper = upper_arm(body, arm);
     poser.turn(arm.joints[upper], body.figure.left, swing);
-    if (arm.joints.size() > upper + 1)
-      poser.turn(arm.joints[upper + 1], body.figure.left, -elbow - 0.3 * std::max(0.0, -swing));
+    bend_elbow(poser, arm, elbow + 0.3 * std::max(0.0, -swing));
   }
 }
 
@@ -295,6 +294,14 @@ Quaterniond lowering_turn(const Body& body, const Limb& arm) {
   if (now < angle + 12.0 * degree) return Quaterniond::Identity();
   const Vector3d outward = arm.side * figure.left;
   return Quaterniond::FromTwoVectors(way, std::sin(angle) * outward - std::cos(angle) * kUp);
+}
+
+void bend_elbow(Poser& poser, const Limb& arm, double degrees) {
+  const std::size_t elbow = upper_arm(poser.body(), arm) + 1;
+  if (elbow >= arm.joints.size()) return;
+  // The upper arm carries the axis along when it is lowered.
+  const Vector3d axis = lowering_turn(poser.body(), arm).conjugate() * poser.body().figure.left;
+  poser.turn(arm.joints[elbow], axis, -degrees);
 }
 
 void lower_arms(Poser& poser) {

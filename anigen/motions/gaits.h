@@ -32,7 +32,7 @@ bool stands(const Gait& gait, std::size_t leg, double cycle);
 /// All feet where they stand in the bind pose, level, in pairs.
 void plant_feet(Poser& poser);
 
-/// Where a leg's ankle is while its foot stands below the hip: as in the bind pose, but level with its partner and on
+/// Place of a leg's ankle while its foot stands below the hip: as in the bind pose, but level with its partner and on
 /// the ground.
 Eigen::Vector3d neutral_ankle(const Body& body, const Limb& leg);
 
@@ -47,6 +47,9 @@ void sway_tails(Poser& poser, double cycle, double degrees);
 
 /// The turn that lowers a bound arm, identity for one that hangs.
 Eigen::Quaterniond lowering_turn(const Body& body, const Limb& arm);
+
+/// Bends the elbow of an arm that lower_arms() has lowered, so that the hand goes forward.
+void bend_elbow(Poser& poser, const Limb& arm, double degrees);
 
 /// Lowers the arms of an upright body that is bound with arms aside, and bends its elbows a little.
 void lower_arms(Poser& poser);

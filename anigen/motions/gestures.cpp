@@ -80,7 +80,7 @@ void keep_centred(Poser& poser) {
 
 /// Whales beat their flukes up and down, fish their fins aside.
 bool beats_up_and_down(const Body& body) {
-  if (body.axis.size() < 2) return false;
+  if (body.axis.size() < 2 || body.is_snake()) return false;
   const Figure& figure = body.figure;
   Box box;
   for (std::size_t i = body.axis.size() - 2; i < body.axis.size(); ++i) {
@@ -90,7 +90,7 @@ bool beats_up_and_down(const Body& body) {
   }
   if (box.empty()) return false;
   const Vector3d extent = box.high - box.low;
-  return extent.x() > 1.4 * extent.z();
+  return extent.x() > 1.4 * extent.z() && extent.x() > 0.08 * figure.size;
 }
 
 void beat_fins(Poser& poser, double cycle, double degrees, LimbKind kind) {
@@ -150,8 +150,7 @@ void breathe(Poser& poser, double cycle, double strength) {
     const Limb& arm = body.limbs[at(i)];
     if (arm.side == 0) continue;
     poser.turn(arm.joints[upper_arm(body, arm)], body.figure.forward, strength * 1.5 * out * arm.side);
-    if (body.is_upright() && arm.joints.size() > upper_arm(body, arm) + 1)
-      poser.turn(arm.joints[upper_arm(body, arm) + 1], body.figure.left, -8.0 - 2.0 * out);
+    if (body.is_upright()) bend_elbow(poser, arm, 8.0 + 2.0 * out);
   }
 }
 
@@ -359,7 +358,7 @@ void pose_look(Poser& poser, double cycle) {
 void pose_nod(Poser& poser, double cycle) {
   const Body& body = poser.body();
   lower_arms(poser);
-  turn_heads(poser, body.figure.left, 8.0 * (1.0 - std::cos(4.0 * kPi * cycle)) * ease(2.0 - 2.0 * cycle) - 0.0);
+  turn_heads(poser, body.figure.left, 8.0 * (1.0 - std::cos(4.0 * kPi * cycle)));
   plant_feet(poser);
 }
 
@@ -380,7 +379,7 @@ void pose_dance(Poser& poser, double cycle) {
     if (arm.side == 0) continue;
     const std::size_t upper = upper_arm(body, arm);
     poser.turn(arm.joints[upper], figure.left, -35.0 - 22.0 * arm.side * wave(2.0 * cycle));
-    if (arm.joints.size() > upper + 1) poser.turn(arm.joints[upper + 1], figure.left, -55.0);
+    if (body.is_upright()) bend_elbow(poser, arm, 55.0);
   }
   turn_heads(poser, figure.forward, -6.0 * wave(cycle));
   sway_tails(poser, 2.0 * cycle, 26.0);

@@ -417,7 +417,7 @@ class Analysis {
     body_.axis = std::move(line);
   }
 
-  /// What is left: chains of three joints or more.
+  /// Chains of three joints or more that no limb has taken.
   void find_chains() {
     std::set<int> taken(body_.trunk.begin(), body_.trunk.end());
     taken.insert(body_.axis.begin(), body_.axis.end());

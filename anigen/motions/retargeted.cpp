@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <utility>
 
 #include "anigen/core/numeric.h"
+#include "anigen/io/gltf/gltf.h"
+#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/rig_listing.h"
 #include "anigen/motions/contact.h"
 #include "anigen/motions/gaits.h"
 
@@ -48,7 +52,9 @@ bool is_alike(const Body& a, const Body& b) {
 
 class Matching {
  public:
-  Matching(const Body& target, const Body& source) : target_(target), source_(source), found_(target.figure.joints()) {
+  /// @param turn from the source's frame to the target's
+  Matching(const Body& target, const Body& source, const Eigen::Matrix3d& turn)
+      : target_(target), source_(source), turn_(turn), found_(target.figure.joints()) {
     for (int j = target.trunk.front(); j >= 0 && target.figure.is_below(j, target.root);
          j = target.figure.tree.parents[at(j)])
       found_[at(j)].joint = source.trunk.front();
@@ -88,7 +94,7 @@ class Matching {
       Counterpart& one = found_[at(joints[i])];
       one.joint = others[k];
       if (!align) continue;
-      const Vector3d bone = bone_of(target_, joints, i, end), other = bone_of(source_, others, k, other_end);
+      const Vector3d bone = bone_of(target_, joints, i, end), other = turn_ * bone_of(source_, others, k, other_end);
       if (bone.norm() > 0.0 && other.norm() > 0.0) one.aligned = Quaterniond::FromTwoVectors(bone, other);
     }
   }
@@ -138,22 +144,21 @@ class Matching {
         continue;
       }
       const Vector3d bone = bone_of(target_, one.joints, i, one.tip),
-                     there = bone_of(source_, other.joints, k, other.tip);
+                     there = turn_ * bone_of(source_, other.joints, k, other.tip);
       if (bone.norm() > 0.0 && there.norm() > 0.0) found.aligned = Quaterniond::FromTwoVectors(bone, there);
     }
   }
 
   const Body& target_;
   const Body& source_;
+  Eigen::Matrix3d turn_;
   std::vector<Counterpart> found_;
 };
 
-/// Turns a motion about the vertical through the origin.
-metrics::Motion facing(metrics::Motion motion, const Vector3d& from, const Vector3d& to) {
-  metrics::Similarity turn;
+/// The turn about the vertical from one horizontal direction to another.
+Eigen::Matrix3d level_turn(const Vector3d& from, const Vector3d& to) {
   const double angle = std::atan2(from.cross(to).z(), from.dot(to));
-  turn.rotation = Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix();
-  return metrics::transformed(turn, std::move(motion));
+  return Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix();
 }
 
 JointMotions posed(const Body& body, const metrics::MotionFrame& frame, const std::vector<Counterpart>& found,
@@ -210,34 +215,49 @@ std::vector<FootContact> standing_feet(const Body& target, const Body& source, c
 
 }  // namespace
 
-metrics::Motion read_clip(const std::string& file_and_clip, const MotionOptions& options) {
-  if (options.frames > 0) return metrics::read_motion(file_and_clip, options.frames).motion;
-  constexpr int kProbe = 64;  // enough to see that something moves
-  const metrics::Motion probe = metrics::read_motion(file_and_clip, kProbe).motion;
-  const double seconds = probe.frames.back().time - probe.frames.front().time;
-  const int frames = static_cast<int>(std::clamp(std::lround(seconds * options.fps) + 1, 2L, 10000L));
-  return metrics::read_motion(file_and_clip, frames).motion;
+SourceClip source_clip(metrics::Motion motion, const std::vector<std::string>& names) {
+  Body body = analyse(figure_of(motion.joints, names));
+  return {std::move(motion), std::move(body)};
 }
 
-Retargeted retarget_to(const Body& body, const Skeleton& skeleton, const metrics::Motion& given) {
+SourceClip read_clip(const std::string& file_and_clip, const MotionOptions& options) {
+  int frames = options.frames;
+  if (frames == 0) {
+    constexpr int kProbe = 64;  // enough to see that something moves
+    const metrics::Motion probe = metrics::read_motion(file_and_clip, kProbe).motion;
+    const double seconds = probe.frames.back().time - probe.frames.front().time;
+    frames = static_cast<int>(std::clamp(std::lround(seconds * options.fps) + 1, 2L, 10000L));
+  }
+  const metrics::MotionFile read = metrics::read_motion(file_and_clip, frames);
+  const std::filesystem::path file = read.described.at("file").get<std::string>();
+  if (io::has_extension(file, {".bvh"})) return source_clip(read.motion);
+  io::ImportOptions import_options;
+  import_options.require_rig = false;
+  const bool is_gltf = io::has_extension(file, {".glb", ".gltf"});
+  const Asset asset = (is_gltf ? io::read_gltf(file, import_options) : io::read_assimp(file, import_options)).asset;
+  const bool is_skinned = asset.skin.rows() > 0 && !asset.mesh.vertices.empty();
+  return is_skinned ? SourceClip{read.motion, analyse(asset)} : source_clip(read.motion, asset.skeleton.names);
+}
+
+Retargeted retarget_to(const Body& body, const SourceClip& clip) {
   Retargeted result;
-  result.motion.name = given.name;
+  result.motion.name = clip.motion.name;
   result.motion.loops = false;
-  const Body source_body = analyse(figure_of(given.joints, {}));
-  const metrics::Motion source = facing(given, source_body.figure.forward, body.figure.forward);
+  metrics::Similarity turn;
+  turn.rotation = level_turn(clip.body.figure.forward, body.figure.forward);
+  const metrics::Motion source = metrics::transformed(turn, clip.motion);
   const double first = source.frames.front().time;
   for (const metrics::MotionFrame& frame : source.frames) result.motion.times.push_back(frame.time - first);
-  if (!is_alike(body, source_body)) {
-    const metrics::Motion moved = metrics::retarget_freely(source, joint_tree(skeleton));
+  if (!is_alike(body, clip.body)) {
+    const metrics::Motion moved = metrics::retarget_freely(source, body.figure.tree);
     for (const metrics::MotionFrame& frame : moved.frames)
       result.motion.poses.push_back(metrics::rigid_motions(moved.joints, frame));
     return result;
   }
   result.by_limbs = true;
-  const Body turned = analyse(figure_of(source.joints, {}));
-  const Matching matching(body, is_alike(body, turned) ? turned : source_body);
-  const double scale = body.leg_length() / std::max(turned.leg_length(), 1e-12);
-  const int pelvis = turned.trunk.front();
+  const Matching matching(body, clip.body, turn.rotation);
+  const double scale = body.leg_length() / std::max(clip.body.leg_length(), 1e-12);
+  const int pelvis = clip.body.trunk.front();
   const Vector3d start = source.frames.front().shifts[at(pelvis)];
   double lowest = std::numeric_limits<double>::infinity(), ground = lowest;
   for (const metrics::MotionFrame& frame : source.frames) {
@@ -254,7 +274,7 @@ Retargeted retarget_to(const Body& body, const Skeleton& skeleton, const metrics
   for (JointMotions& pose : result.motion.poses) {
     for (metrics::RigidMotion& one : pose) one.shift.z() += ground - lowest;
   }
-  result.motion.contacts = standing_feet(body, turned, source);
+  result.motion.contacts = standing_feet(body, clip.body, clip.motion);
   result.standing = keep_feet(body, result.motion);
   return result;
 }

@@ -16,8 +16,8 @@ namespace anigen::motions {
 namespace {
 
 /// A clip as a motion that came out of a file.
-metrics::Motion as_motion(const Asset& asset, const BodyMotion& motion, int frames) {
-  return metrics::motion_of(to_clip(motion, asset.skeleton), asset.skeleton, frames);
+SourceClip as_source(const Asset& asset, const BodyMotion& motion, int frames) {
+  return {metrics::motion_of(to_clip(motion, asset.skeleton), asset.skeleton, frames), analyse(asset)};
 }
 
 /// A biped of twice the size with arms bound downwards.
@@ -42,8 +42,7 @@ TEST(Retargeting, LimbToLimbKeepsDirectionsAcrossBindPoses) {
   const Asset source = test::made_biped(), target = tall_biped();
   const Body source_body = analyse(source), body = analyse(target);
   const BodyMotion walk = make_motion(source_body, "walk");
-  const Retargeted moved =
-      retarget_to(body, target.skeleton, as_motion(source, walk, static_cast<int>(walk.times.size())));
+  const Retargeted moved = retarget_to(body, as_source(source, walk, static_cast<int>(walk.times.size())));
   EXPECT_TRUE(moved.by_limbs);
   ASSERT_EQ(moved.motion.poses.size(), walk.poses.size());
   for (std::size_t f = 0; f < walk.poses.size(); f += 5) {
@@ -65,8 +64,7 @@ TEST(Retargeting, StandingFeetStayWhereTheyStand) {
   MotionOptions options;
   options.travel = true;  // feet of a walk that goes somewhere stand still
   const BodyMotion walk = make_motion(analyse(source), "walk", options);
-  const Retargeted moved =
-      retarget_to(body, target.skeleton, as_motion(source, walk, static_cast<int>(walk.times.size())));
+  const Retargeted moved = retarget_to(body, as_source(source, walk, static_cast<int>(walk.times.size())));
   EXPECT_GT(moved.standing, walk.times.size() / 2);
   EXPECT_LT(foot_slide(body, moved.motion, to_clip(moved.motion, target.skeleton), target.skeleton), 0.01);
 }
@@ -79,8 +77,8 @@ TEST(Retargeting, TurnsTheSourceToFaceAsTheBodyDoes) {
   metrics::Similarity quarter;
   quarter.rotation = Eigen::AngleAxisd(0.5 * kPi, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   const metrics::Motion turned =
-      metrics::transformed(quarter, as_motion(asset, make_motion(body, "walk", options), 30));
-  const BodyMotion moved = retarget_to(body, asset.skeleton, turned).motion;
+      metrics::transformed(quarter, as_source(asset, make_motion(body, "walk", options), 30).motion);
+  const BodyMotion moved = retarget_to(body, source_clip(turned, asset.skeleton.names)).motion;
   const Eigen::Vector3d way = moved.poses.back()[0].shift - moved.poses.front()[0].shift;
   EXPECT_GT(way.dot(body.figure.forward), 0.9 * way.norm());
 }
@@ -88,7 +86,7 @@ TEST(Retargeting, TurnsTheSourceToFaceAsTheBodyDoes) {
 TEST(Retargeting, OtherBodiesTakeItByTransport) {
   const Asset source = test::made_biped(), target = test::made_quadruped();
   const BodyMotion walk = make_motion(analyse(source), "walk");
-  const Retargeted moved = retarget_to(analyse(target), target.skeleton, as_motion(source, walk, 10));
+  const Retargeted moved = retarget_to(analyse(target), as_source(source, walk, 10));
   EXPECT_FALSE(moved.by_limbs);
   EXPECT_EQ(moved.motion.poses.size(), 10U);
   Asset animated = target;
@@ -101,8 +99,8 @@ TEST(Retargeting, ClipsAreReadAtTheirOwnLength) {
   std::ofstream(folder / "turn.bvh")
       << "HIERARCHY\nROOT hip\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\nJOINT foot\n{\nOFFSET 0 -1 0\n}\n}\nMOTION\n"
          "Frames: 3\nFrame Time: 0.5\n0\n90\n0\n";
-  const metrics::Motion motion = read_clip((folder / "turn.bvh").string(), {});
-  EXPECT_EQ(motion.frames.size(), 31U);  // one second at 30 frames
+  const SourceClip clip = read_clip((folder / "turn.bvh").string(), {});
+  EXPECT_EQ(clip.motion.frames.size(), 31U);  // one second at 30 frames
   EXPECT_THROW(read_clip((folder / "none.bvh").string(), {}), InputError);
 }
 
