@@ -37,7 +37,9 @@ TEST(BuiltInMotions, AreSoundClipsThatClose) {
       SCOPED_TRACE(word + " of " + describe(body));
       const BodyMotion motion = make_motion(body, word);
       EXPECT_EQ(motion.loops, word != "jump");
-      if (motion.loops) EXPECT_EQ(largest_difference(motion.poses.front(), motion.poses.back()), 0.0);
+      if (motion.loops) {
+        EXPECT_EQ(largest_difference(motion.poses.front(), motion.poses.back()), 0.0);
+      }
       double moved = 0.0;
       for (const JointMotions& pose : motion.poses)
         moved = std::max(moved, largest_difference(pose, motion.poses.front()));
@@ -116,7 +118,8 @@ TEST(BuiltInMotions, ArmsHangInIdleAndAreLevelInTPose) {
     const Limb& arm = body.limbs[at(i)];
     const Eigen::Vector3d shoulder = body.figure.tree.positions[at(arm.joints.front())];
     const auto place = [&](const JointMotions& pose) {
-      return Eigen::Vector3d(pose[at(arm.joints.back())](arm.tip) - pose[at(arm.joints.front())](shoulder));
+      return Eigen::Vector3d(pose[at(arm.joints.back())](body.figure.tree.positions[at(arm.joints.back())]) -
+                             pose[at(arm.joints.front())](shoulder));
     };
     EXPECT_LT(place(idle).normalized().z(), -0.8);
     EXPECT_NEAR(place(straight).normalized().z(), 0.0, 1e-6);

@@ -126,7 +126,7 @@ Asset made_fish() {
   body.joint("snout", front, {0, -0.5, 0.3});
   int last = middle;
   for (int k = 1; k < 4; ++k) last = body.joint("rear" + std::to_string(k), last, {0, 0.3 * k, 0.3});
-  body.pair("side", {front, front}, {0.12, -0.2, 0.25});
+  body.pair("side_end", body.pair("side", {front, front}, {0.12, -0.2, 0.25}), {0.4, -0.1, 0.2});
   body.box(middle, {-0.1, -0.4, 0.0}, {0.1, 0.4, 0.6});
   body.box(last, {-0.01, 0.9, 0.1}, {0.01, 1.1, 0.5});
   return body.asset(0.06, false);

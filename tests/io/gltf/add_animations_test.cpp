@@ -68,7 +68,9 @@ TEST(AddAnimations, EveryOtherEntryAndByteStays) {
         }
         for (std::size_t i = 0; i < value.size(); ++i) EXPECT_EQ(after.json[key][i], value[i]) << key << " " << i;
         const std::set<std::string> longer = {"accessors", "bufferViews", "animations"};
-        if (longer.count(key) == 0) EXPECT_EQ(after.json[key].size(), value.size()) << key;
+        if (longer.count(key) == 0) {
+          EXPECT_EQ(after.json[key].size(), value.size()) << key;
+        }
       }
     }
     const Asset read = read_gltf(out).asset;
