@@ -162,7 +162,11 @@ std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options
   add("--image-size", options.shapes.settings.image_size)->check(whole_number(16, 4096));
   add("--lpips-weights", options.lpips_weights)->expected(1, 2);
   add("--poses", options.shapes.settings.poses)->check(whole_number(1, 10'000));
-  add("--motion", options.shapes.motion);
+  names.emplace_back("--motion");
+  add_option(app, "--motion", options.shapes.motion,
+             std::string(", that every ground truth is given, and its predictions with it. Without, the first clip of "
+                         "the ground truth itself; without one, random poses") +
+                 kShapes);
   add("--motion-frames", options.shapes.settings.motion_frames)->check(whole_number(1, 10'000));
   add("--motion-images", options.shapes.motions_pictured)->check(whole_number(0, 10'000));
   add("--worst-by", options.shapes.worst_by);

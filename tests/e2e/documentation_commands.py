@@ -17,7 +17,7 @@ import sys
 import tempfile
 
 PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/engines.md",
-         "docs/evaluation.md", "docs/experiments.md", "docs/mesh-health.md", "README.md"]
+         "docs/animation.md", "docs/evaluation.md", "docs/experiments.md", "docs/mesh-health.md", "README.md"]
 # The section whose commands make what the other pages start from.
 FIRST = ("docs/getting_started.md", "All stages by hand")
 

@@ -103,8 +103,9 @@ class Check {
 };
 
 void check_numbers(Check& check, bool torch, bool mesh) {
-  std::vector<std::string> programs{"anigen-inspect", "anigen-prepare",    "anigen-prepare merge", "anigen-eval",
-                                    "anigen-rig",     "anigen-experiment", "anigen-experiment run"};
+  std::vector<std::string> programs{"anigen-inspect",    "anigen-prepare",       "anigen-prepare merge",
+                                    "anigen-eval",       "anigen-rig",           "anigen-animate",
+                                    "anigen-experiment", "anigen-experiment run"};
   if (torch) {
     programs.insert(programs.end(), {"anigen-train", "anigen-generate", "anigen-encode", "anigen-encode reconstruct",
                                      "anigen-encode grouping"});
@@ -241,6 +242,12 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(retrieval + "--image a.png --device cpu", {"--device", "--retrieval-encoder"});
   check.refuses(retrieval + "--image-split t.txt --retrieval-encoder r --condition color",
                 {"--condition", "--retrieval-encoder"});
+
+  check.refuses("anigen-animate a.glb", {"--output", "--list"});
+  check.refuses("anigen-animate a.glb --list --speed 2", {"--speed", "--list"});
+  check.refuses("anigen-animate a.glb --output b.glb --frames 9 --fps 12", {"--fps", "--frames"});
+  check.refuses("anigen-animate a.glb --output b.glb --pose A", {"--pose"});
+  check.refuses("anigen-animate a.glb --output b.glb --seed 1", {"--seed: anigen-animate has no such option"});
 
   const std::string shapes = "anigen-eval --pred a --dataset b --output c ";
   check.refuses(shapes + "--no-icp --rotations 3", {"--rotations", "--no-icp"});

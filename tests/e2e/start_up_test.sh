@@ -5,7 +5,7 @@
 set -euo pipefail
 failed=0
 fail() { echo "FAILED: $*"; failed=1; }
-for name in inspect prepare eval rig train encode generate experiment mesh; do
+for name in inspect prepare eval rig animate train encode generate experiment mesh; do
   program=$1/anigen-$name
   if [ $name = mesh ] && [ ! -e "$program" ]; then continue; fi  # needs CGAL
   libraries=$(ldd "$program")

@@ -1,5 +1,6 @@
 #include "anigen/io/gltf/graft_file.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <optional>
 #include <system_error>
@@ -79,6 +80,24 @@ int GraftFile::add_view(std::string_view bytes, bool vertex_data) {
 int GraftFile::add_accessor(int view, Component component, std::size_t count, const char* type) {
   const Json accessor = {
       {"bufferView", view}, {"componentType", static_cast<int>(component)}, {"count", count}, {"type", type}};
+  return add("accessors", accessor.dump());
+}
+
+int GraftFile::add_numbers_accessor(int view, const std::vector<float>& numbers, std::size_t first, std::size_t count,
+                                    std::size_t width) {
+  Json accessor = {{"bufferView", view},
+                   {"byteOffset", sizeof(float) * first},
+                   {"componentType", static_cast<int>(Component::kF32)},
+                   {"count", count},
+                   {"type", width == 1   ? "SCALAR"
+                            : width == 3 ? "VEC3"
+                                         : "VEC4"}};
+  if (width == 1) {
+    const auto begin = numbers.begin() + static_cast<std::ptrdiff_t>(first);
+    const auto [low, high] = std::minmax_element(begin, begin + static_cast<std::ptrdiff_t>(count));
+    accessor["min"] = Json::array({*low});
+    accessor["max"] = Json::array({*high});
+  }
   return add("accessors", accessor.dump());
 }
 

@@ -45,6 +45,15 @@ class GraftFile {
     return add_accessor(view, kComponent, values.size() / width, width == 4 ? "VEC4" : "MAT4");
   }
 
+  /// A view of numbers that several accessors share.
+  int add_numbers(const std::vector<float>& numbers) {
+    return add_view({reinterpret_cast<const char*>(numbers.data()), sizeof(float) * numbers.size()}, false);
+  }
+  /// An accessor of `count` elements of `width` numbers, from the number `first` on: SCALAR, which says its bounds,
+  /// VEC3 or VEC4. @param view of add_numbers(numbers) @return its index
+  int add_numbers_accessor(int view, const std::vector<float>& numbers, std::size_t first, std::size_t count,
+                           std::size_t width);
+
   /// Puts buffers beyond the first into data URIs and image files into views, byte for byte, so that the copy needs no
   /// other file. Images that are missing stay named.
   void embed_files(Notes& notes);

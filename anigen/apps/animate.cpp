@@ -1,0 +1,73 @@
+#include <filesystem>
+#include <string>
+
+#include "anigen/apps/common/command_line.h"
+#include "anigen/core/error.h"
+#include "anigen/core/text.h"
+#include "anigen/motions/animate_files.h"
+
+namespace {
+
+using namespace anigen;
+
+void list(const AnimateArguments& arguments, const CommonOptions& common) {
+  const Json found = motions::listing(arguments.asset);
+  print_result(found, motions::listing_text(found), common);
+}
+
+void animate(AnimateArguments& arguments, const CommonOptions& common) {
+  motions::AnimateRequest& request = arguments.request;
+  if (request.out.empty()) throw InputError("", "--output", "name the file or folder to write, or ask for --list");
+  request.assets = arguments.asset;
+  request.pictures = arguments.pictures;
+  request.t_pose = !arguments.pose.empty();
+  request.keep_clips = !arguments.drop_clips;
+  const std::vector<motions::AnimateReport> reports = motions::animate_files(request);
+  print_result(motions::to_json(reports), motions::to_text(reports), common);
+  if (!std::filesystem::is_directory(arguments.asset) && !reports.front().failure.empty())
+    throw InputError("", "", reports.front().failure);
+  require_inputs(reports, "assets were not animated", common);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Program program("anigen-animate",
+                  "Moves rigged assets: motions that are built in, chosen by what limbs a body has, or clips of other\n"
+                  "files. What else a .glb or .gltf holds stays as it is.",
+                  "  anigen-animate fox.glb -o fox_idle.glb\n"
+                  "  anigen-animate fox.glb --list\n"
+                  "  anigen-animate fox.glb -o fox_moves.glb --motion walk --motion run --motion wag\n"
+                  "  anigen-animate hero.glb -o dancer.glb --motion dance.bvh --turntable dancer.png\n"
+                  "  anigen-animate hero.glb -o walker.glb --motion 'library.glb#Walk' --travel\n"
+                  "  anigen-animate rigged/ -o animated/ --motion idle --keep-going");
+  program.first = "--asset";
+  CLI::App& app = program.app;
+  AnimateArguments arguments;
+  motions::MotionOptions& options = arguments.request.options;
+  add_option(app, "--asset", arguments.asset)->required();
+  add_option(app, "--motion", arguments.request.motions,
+             ", or a word: " + joined(motions::built_in_motions(), ", ", [](const auto& one) { return one.word; }) +
+                 "; repeatable [idle]");
+  add_option(app, "--pose", arguments.pose)->check(one_of({"T"}));
+  add_option(app, "--list", arguments.list);
+  add_option(app, "--frames", options.frames)->check(whole_number(2, 10'000))->default_str("");
+  add_option(app, "--fps", options.fps)->check(number(1, 240));
+  add_option(app, "--speed", options.speed)->check(number(0.01, 100));
+  add_option(app, "--travel", options.travel);
+  add_option(app, "--drop-clips", arguments.drop_clips);
+  add_option(app, "--turntable", arguments.pictures);
+  add_option(app, "--output", arguments.request.out, ": a file for a file, a folder for a folder");
+  program.add_common({"--keep-going", "--threads", "--json"});
+  return program.run(argc, argv, [&] {
+    if (arguments.list) {
+      refuse_given(app,
+                   {"--output", "--motion", "--pose", "--frames", "--fps", "--speed", "--travel", "--drop-clips",
+                    "--turntable", "--keep-going"},
+                   "does not go with --list");
+      return list(arguments, program.common);
+    }
+    if (options.frames > 0) refuse_given(app, {"--fps"}, "has no effect beside --frames");
+    animate(arguments, program.common);
+  });
+}
