@@ -60,11 +60,26 @@ TEST(CorrectedWeights, AreSmoothedWithinAShell) {
     for (std::size_t i = 0; i < soft.row_size(v); ++i) joints_after[shell].insert(soft.row(v)[i].joint);
   }
   EXPECT_EQ(joints_before, joints_after);
+  // With P the mean over neighbours, half of P moves I − P of the weights by a factor in [0, 1] for each of its
+  // eigenvectors, which are orthogonal when places count by their neighbours.
+  std::vector<std::size_t> vertex_of_place(features.place_of_vertex().size(), 0);
+  for (std::size_t v = 0; v < sharp.rows(); ++v)
+    vertex_of_place[static_cast<std::size_t>(features.place_of_vertex()[v])] = v;
   const auto roughness = [&](const SkinWeights& skin) {
     double sum = 0.0;
-    for (const Triangle& face : body.mesh.faces) {
-      for (int joint = 0; joint < 5; ++joint)
-        sum += std::abs(test::weight_of(skin, at(face[0]), joint) - test::weight_of(skin, at(face[1]), joint));
+    const std::set<std::int32_t> places(features.place_of_vertex().begin(), features.place_of_vertex().end());
+    for (const std::int32_t place : places) {
+      const auto p = static_cast<std::size_t>(place);
+      const std::int32_t *first = features.neighbors_begin(p), *last = features.neighbors_end(p);
+      if (first == last) continue;
+      for (int joint = 0; joint < 5; ++joint) {
+        double mean = 0.0;
+        for (const std::int32_t* other = first; other != last; ++other)
+          mean += test::weight_of(skin, vertex_of_place[static_cast<std::size_t>(*other)], joint);
+        const auto count = static_cast<double>(last - first);
+        const double apart = test::weight_of(skin, vertex_of_place[p], joint) - mean / count;
+        sum += count * apart * apart;
+      }
     }
     return sum;
   };
