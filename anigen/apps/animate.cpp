@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/core/error.h"
@@ -9,6 +11,16 @@
 namespace {
 
 using namespace anigen;
+
+/// Options that the motions asked for leave without effect.
+void refuse_ignored(const CLI::App& app, const AnimateArguments& arguments) {
+  const std::vector<std::string>& words = arguments.request.motions;
+  if (arguments.request.options.frames > 0) refuse_given(app, {"--fps"}, "has no effect beside --frames");
+  if (words.empty() && !arguments.pose.empty())
+    refuse_given(app, {"--frames", "--fps", "--speed", "--travel"}, "has no effect on --pose alone");
+  const bool travels = std::any_of(words.begin(), words.end(), motions::can_travel);
+  if (!travels) refuse_given(app, {"--travel"}, "is of walk, run, swim, fly and slither");
+}
 
 void list(const AnimateArguments& arguments, const CommonOptions& common) {
   const Json found = motions::listing(arguments.asset);
@@ -39,7 +51,7 @@ int main(int argc, char** argv) {
                   "  anigen-animate fox.glb --list\n"
                   "  anigen-animate fox.glb -o fox_moves.glb --motion walk --motion run --motion wag\n"
                   "  anigen-animate hero.glb -o dancer.glb --motion dance.bvh --turntable dancer.png\n"
-                  "  anigen-animate hero.glb -o walker.glb --motion 'library.glb#Walk' --travel\n"
+                  "  anigen-animate hero.glb -o walker.glb --motion 'library.glb#Walk' --motion walk --travel\n"
                   "  anigen-animate rigged/ -o animated/ --motion idle --keep-going");
   program.first = "--asset";
   CLI::App& app = program.app;
@@ -67,7 +79,7 @@ int main(int argc, char** argv) {
                    "does not go with --list");
       return list(arguments, program.common);
     }
-    if (options.frames > 0) refuse_given(app, {"--fps"}, "has no effect beside --frames");
+    refuse_ignored(app, arguments);
     animate(arguments, program.common);
   });
 }

@@ -113,6 +113,10 @@ bool is_built_in(const std::string& word) {
   return std::any_of(all.begin(), all.end(), [&](const BuiltInMotion& one) { return word == one.word; });
 }
 
+bool can_travel(const std::string& word) {
+  return word == "walk" || word == "run" || word == "swim" || word == "fly" || word == "slither";
+}
+
 std::vector<std::string> motions_of(const Body& body) {
   std::vector<std::string> words;
   for (const Recipe& recipe : recipes()) {

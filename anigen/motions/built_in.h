@@ -44,6 +44,9 @@ const std::vector<BuiltInMotion>& built_in_motions();
 /// True for a word of built_in_motions().
 bool is_built_in(const std::string& word);
 
+/// True for the words of motions that MotionOptions::travel moves: walk, run, swim, fly, slither.
+bool can_travel(const std::string& word);
+
 /// Words of the motions that a body can do, in the order of built_in_motions().
 std::vector<std::string> motions_of(const Body& body);
 

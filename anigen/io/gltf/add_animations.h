@@ -16,7 +16,8 @@ struct AddAnimationOptions {
 /// are animated now, which glTF forbids: they get the same transform as translation, rotation and scale. Clips that
 /// have the name of an earlier one get a number behind it.
 ///
-/// Motion of a root that the importer made to join several goes to the nodes below it.
+/// Motion of a root that the importer made to join several goes to the joints below it; a mesh without any joint above
+/// it, which the importer bound to that root, rests.
 /// @param original .glb or .gltf @param animations of the skeleton that read_gltf() with
 /// ImportOptions::require_rig = false makes of the file, Z up @param out .glb, or .gltf with everything inside; written
 /// atomically
