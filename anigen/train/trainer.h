@@ -22,7 +22,8 @@ namespace anigen::train {
 /// Folder of a run and its starting point.
 struct RunOptions {
   std::filesystem::path output;    ///< run folder: metrics.csv, tb_logs/, ckpts/, samples/, profile.md
-  std::filesystem::path load;      ///< run folder to start from; empty: output
+  std::filesystem::path load;      ///< run folder to start from; empty: output. One that export_run() wrote has weights
+                                   ///< alone: steps and optimiser begin anew
   std::string ckpt = "latest";     ///< "latest" complete checkpoint if there is one, "none", or a step that must exist
   bool restart = false;            ///< begin at `load` and `ckpt` although the output has complete checkpoints
   std::string command;             ///< tells a restart that goes on from one that begins: the same text goes on

@@ -20,6 +20,7 @@
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/state_dict.h"
 #include "anigen/nn/torch.h"
 #include "anigen/train/metrics_log.h"
 #include "anigen/train/parameters.h"
@@ -107,8 +108,15 @@ bool loads_another_run(const RunOptions& run) {
   return !run.load.empty() && !std::filesystem::equivalent(run.load, run.output, error);
 }
 
+// Weights without the state of a training, such as export_run() writes.
+bool loads_weights_alone(const RunOptions& run) {
+  if (run.ckpt != "latest" || !loads_another_run(run)) return false;
+  const fs::path files = checkpoint_files_of(run.load);
+  return !CheckpointFolder(files).holds_states() && !io::checkpoint_names(files).empty();
+}
+
 std::optional<std::int64_t> step_to_load(const CheckpointFolder& source, const RunOptions& run) {
-  if (run.ckpt == "none") return std::nullopt;
+  if (run.ckpt == "none" || loads_weights_alone(run)) return std::nullopt;
   if (run.ckpt == "latest") {
     const std::optional<std::int64_t> latest = source.latest();
     if (!latest && !run.load.empty()) throw InputError(run.load.string(), "ckpts", "holds no complete checkpoint");
@@ -301,10 +309,15 @@ void Trainer::check_finetuned_models() const {
 
 void Trainer::start_from_files() {
   LoadedKeys finetuned;
+  const bool exported = loads_weights_alone(run_);
+  if (exported && first())
+    log::info("{} holds weights alone: the models start from them, steps and optimiser anew", run_.load.string());
   for (const nn::NamedModel& model : stages_.front()->models()) {
     const auto file = options_.finetune_ckpt.find(model.name);
-    if (file == options_.finetune_ckpt.end()) continue;
-    finetuned[model.name] = load_matching(*model.module, io::read_state_dict(file->second), file->second);
+    std::string name = file == options_.finetune_ckpt.end() ? "" : file->second;
+    if (name.empty() && exported) name = nn::newest_checkpoint(run_.load, model.name).string();
+    if (name.empty()) continue;
+    finetuned[model.name] = load_matching(*model.module, io::read_state_dict(name), name);
   }
   stages_.front()->warm_start(finetuned);
 }

@@ -7,7 +7,10 @@
 #include "anigen/core/files.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
+#include "anigen/train/trainer_state.h"
+#include "tests/data/synthetic_dataset.h"
 #include "tests/support/paths.h"
+#include "tests/train/stages/run_folder.h"
 
 namespace anigen::train {
 namespace {
@@ -57,6 +60,37 @@ TEST_F(ExportRun, RefusesItsOwnFolderAndNumbersThatHalfPrecisionLacks) {
   write("denoiser_ema0.9_step0000010", 1e6F);
   EXPECT_THROW(export_run(run(), folder_ / "out"), InputError);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "out")) << "nothing half written";
+}
+
+constexpr char kSmallTraining[] = R"({
+  "models": {"model": {"name": "SkinAutoEncoder", "args": {
+    "encoder_config": {"skin_feat_channels": 4, "skl_pos_embed_freq": 6, "jp_embed_dim": 16,
+                       "jp_embedder_config": {"hidden_dim": 16, "depth": 1, "jp_embed_attn": true}},
+    "decoder_config": {"model_type": "tree", "skin_feat_channels": 4, "model_channels": 16, "num_blocks": 2}}}},
+  "dataset": {"name": "AniGenSparseFeat2Skeleton", "args": {"test_mode": false, "eval_fraction": 0.2}},
+  "trainer": {"name": "AniGenSkinAETrainer", "args": {
+    "max_steps": 2, "batch_size": 4, "batch_split": 2, "num_skin_samples": 32, "seed": 5,
+    "optimizer": {"name": "AdamW", "args": {"lr": 0.003}}, "ema_rate": [0.9], "fp16_mode": "none", "i_log": 1,
+    "i_print": 0, "i_save": 2, "i_eval": 0, "i_sample": 0}}})";
+
+TEST(ExportedWeights, AreAStartForTraining) {
+  const test::TemporaryFolder folder;
+  test::write_synthetic_dataset(folder / "data", 10);
+  write_file_atomically(folder / "config.json", kSmallTraining);
+  train(test::train_command(folder, "first"));
+  export_run(folder / "first", folder / "exported");
+  TrainCommand from = test::train_command(folder, "second", {"trainer.args.max_steps=0"});
+  from.run.load = folder / "exported/first";
+  train(from);
+  const auto start = CheckpointFolder(folder / "second/ckpts").weights("model", 0);
+  for (const auto& [name, array] : CheckpointFolder(folder / "exported/first/ckpts").weights("model", 2)) {
+    const io::NdArray* found = io::find(start, name);
+    ASSERT_NE(found, nullptr) << name;
+    EXPECT_EQ(found->as<float>(), array.as<float>()) << name;
+  }
+  from.run.ckpt = "2";
+  from.run.output = folder / "third";
+  EXPECT_THROW(train(from), InputError) << "there is no state of step 2";
 }
 
 }  // namespace
