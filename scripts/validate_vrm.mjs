@@ -23,7 +23,7 @@ function folderOfModules() {
       (folder) => existsSync(path.join(folder, 'three')) && existsSync(path.join(folder, '@pixiv/three-vrm')));
 }
 
-// What the loader asks of a browser.
+// Stand-ins for the parts of a browser that the loader uses.
 function provideBrowser() {
   globalThis.self ??= globalThis;
   globalThis.window ??= globalThis;
