@@ -53,6 +53,11 @@ void make_portable(Json& config) {
   if (!config.contains("dataset") || !config["dataset"].contains("args")) return;
   Json& reading = config["dataset"]["args"];
   reading.erase("data_dir");
+  for (const char* key : {"split", "eval_split"}) {
+    if (!reading.contains(key) || !reading[key].is_string()) continue;
+    const fs::path file = reading[key].get<std::string>();
+    if (file.is_absolute()) reading[key] = "splits/" + file.filename().string();
+  }
   // Said aloud, since a flow without training state and without this key counts as published, which sees normals.
   const bool pictures = config["dataset"].value("name", "").find("ImageConditioned") != std::string::npos;
   if (pictures && !reading.contains("condition")) reading["condition"] = "color";

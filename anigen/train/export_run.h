@@ -17,8 +17,9 @@ struct ExportedRun {
 /// Writes what others need of a trained run into a folder of the run's name, weights in half precision: of every model
 /// the averaged weights of the newest checkpoint, or the weights where there are no averages, as
 /// ckpts/<model>_step<N>.safetensors; config.json, in which folders of other runs are named by their last part, so that
-/// runs exported side by side find each other, and which knows no dataset; grouping.json where there is one. A frozen
-/// model's weights count, too. What of a state is no weight (buffers of indices) keeps its type.
+/// runs exported side by side find each other, which knows no dataset, and whose splits are files of its folder splits;
+/// grouping.json where there is one. A frozen model's weights count, too. What of a state is no weight (buffers of
+/// indices) keeps its type.
 /// @param run run folder @param folder of exported runs, made if needed
 /// @throws InputError without checkpoints, or when weights are not finite or too large for half precision; Error when
 /// the disk refuses

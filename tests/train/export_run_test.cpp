@@ -21,7 +21,8 @@ class ExportRun : public ::testing::Test {
     std::filesystem::create_directories(run() / "ckpts");
     write_file_atomically(run() / "config.json", R"({
       "models": {"denoiser": {"name": "Any", "args": {}}},
-      "dataset": {"name": "Any", "args": {"data_dir": "/data/of/mine", "ss_dec_path": "/runs/of/mine/ss_dae/"}},
+      "dataset": {"name": "Any", "args": {"data_dir": "/data/of/mine", "split": "/data/of/mine/few.txt", "eval_split": "splits/test.txt",
+        "ss_dec_path": "/runs/of/mine/ss_dae/"}},
       "trainer": {"name": "Any", "args": {"image_encoder": {"estimator": "runs/picture_estimator"}}}})");
     write("denoiser_step0000010", 1.0F);
     write("denoiser_ema0.9_step0000010", 2.0F);
@@ -51,7 +52,8 @@ TEST_F(ExportRun, WritesAveragedWeightsInHalfPrecisionAndNoPaths) {
   EXPECT_NEAR(weight.as<float>()[2], -7e-5F, 7e-5F / 1000) << "half a unit in the last place of eleven bits";
   EXPECT_EQ(io::find(arrays, "rows")->as<std::int64_t>()[0], 70000);
   const Json config = read_json(folder_ / "out/flow/config.json");
-  EXPECT_EQ(config["dataset"]["args"], (Json{{"ss_dec_path", "ss_dae"}}));
+  EXPECT_EQ(config["dataset"]["args"],
+            (Json{{"split", "splits/few.txt"}, {"eval_split", "splits/test.txt"}, {"ss_dec_path", "ss_dae"}}));
   EXPECT_EQ(config["trainer"]["args"]["image_encoder"]["estimator"], "picture_estimator");
 }
 
