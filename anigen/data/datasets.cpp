@@ -328,7 +328,7 @@ StructureLatentOptions StructureLatentOptions::read(ConfigReader& reader, bool i
 }
 
 struct StructureLatentDataset::Latent : Sample {
-  StructureLatent latent;
+  std::shared_ptr<const StructureLatent> latent;
   std::vector<float> cond;
 };
 
@@ -336,17 +336,28 @@ StructureLatentDataset::StructureLatentDataset(std::vector<AssetId> assets, cons
                                                std::uint64_t seed)
     : AssetDataset(std::move(assets), {seed, options.sources.skip_broken, false},
                    {[&](const AssetId& asset) { return files_of(asset, options); }, nullptr}),
-      options_(options) {}
+      options_(options),
+      pictures_(options.cache_bytes()),
+      latents_(options.cache_bytes()) {}
 
-std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t index, std::uint64_t position) const {
-  auto sample = std::make_unique<Latent>();
-  const fs::path path = made_path(asset(index), "ss_latents", options_.latent_model);
-  StructureLatent& latent = sample->latent = read_structure_latent(path);
+StructureLatent StructureLatentDataset::normalized(const fs::path& path) const {
+  StructureLatent latent = read_structure_latent(path);
   const auto channels = [](const LatentGrid& grid) { return static_cast<std::size_t>(grid.shape[0]); };
   options_.normalization.normalize_planes(latent.mean.values, channels(latent.mean), path.string() + ": mean");
   options_.normalization_skl.normalize_planes(latent.mean_skl.values, channels(latent.mean_skl),
                                               path.string() + ": mean_skl");
-  sample->cond = options_.condition_picture(asset(index), seed(), position);
+  return latent;
+}
+
+std::unique_ptr<AssetDataset::Sample> StructureLatentDataset::read(std::size_t index, std::uint64_t position) const {
+  auto sample = std::make_unique<Latent>();
+  const fs::path path = made_path(asset(index), "ss_latents", options_.latent_model);
+  sample->latent = latents_.get(
+      path.string(), [&] { return normalized(path); },
+      [](const StructureLatent& latent) {
+        return (latent.mean.values.size() + latent.mean_skl.values.size()) * sizeof(float);
+      });
+  sample->cond = options_.condition_picture(asset(index), seed(), position, pictures_);
   return sample;
 }
 
@@ -356,8 +367,8 @@ std::unique_ptr<Batch> StructureLatentDataset::collate(const Samples& samples,
   std::vector<const std::vector<float>*> images;
   for (const auto& sample : samples) {
     const auto& latent = static_cast<const Latent&>(*sample);
-    shapes.push_back(&latent.latent.mean);
-    skeletons.push_back(&latent.latent.mean_skl);
+    shapes.push_back(&latent.latent->mean);
+    skeletons.push_back(&latent.latent->mean_skl);
     images.push_back(&latent.cond);
   }
   auto batch = std::make_unique<StructureLatentBatch>();
@@ -434,7 +445,7 @@ StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool
 }
 
 struct StructuredLatentDataset::Latent : Sample {
-  VoxelRows surface, skeleton;
+  std::shared_ptr<const VoxelPair> voxels;
   RigArrays rig;  // without joints when no rigs are loaded
   std::int64_t joints = 0;
   std::shared_ptr<const geometry::NearestSurface> solver;
@@ -449,7 +460,9 @@ StructuredLatentDataset::StructuredLatentDataset(std::vector<AssetId> assets, co
                       return count_rows(made_path(asset, "latents", options.latent_model), "coords");
                     }}),
       options_(options),
-      surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20) {}
+      surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20),
+      pictures_(options.cache_bytes()),
+      latents_(options.cache_bytes()) {}
 
 std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<Draw>& draws, std::size_t parts) const {
   std::vector<std::uint64_t> loads;
@@ -462,15 +475,25 @@ std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<
   return packs;
 }
 
+StructuredLatentDataset::VoxelPair StructuredLatentDataset::normalized(const fs::path& path) const {
+  VoxelPair pair{read_voxel_arrays(path, "coords", "feats"), read_voxel_arrays(path, "coords_skl", "feats_skl")};
+  options_.normalization.normalize_rows(pair.surface.feats, pair.surface.channels, path.string() + ": feats");
+  options_.normalization_skl.normalize_rows(pair.skeleton.feats, pair.skeleton.channels, path.string() + ": feats_skl");
+  return pair;
+}
+
 std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t index, std::uint64_t position) const {
   const AssetId& id = asset(index);
   auto sample = std::make_unique<Latent>();
   const fs::path path = made_path(id, "latents", options_.latent_model);
-  sample->surface = read_voxel_arrays(path, "coords", "feats");
-  sample->skeleton = read_voxel_arrays(path, "coords_skl", "feats_skl");
-  options_.normalization.normalize_rows(sample->surface.feats, sample->surface.channels, path.string() + ": feats");
-  options_.normalization_skl.normalize_rows(sample->skeleton.feats, sample->skeleton.channels,
-                                            path.string() + ": feats_skl");
+  sample->voxels = latents_.get(
+      path.string(), [&] { return normalized(path); },
+      [](const VoxelPair& pair) {
+        const auto bytes = [](const VoxelRows& rows) {
+          return rows.feats.size() * sizeof(rows.feats[0]) + rows.coords.size() * sizeof(rows.coords[0]);
+        };
+        return bytes(pair.surface) + bytes(pair.skeleton);
+      });
   if (options_.load_rigs) {
     sample->rig = read_rig_arrays(id);
     sample->joints = static_cast<std::int64_t>(sample->rig.joints.size());
@@ -478,7 +501,7 @@ std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t 
   } else if (options_.use_joint_num_cond) {
     sample->joints = static_cast<std::int64_t>(count_rows(rig_path(id), "joints"));
   }
-  sample->cond = options_.condition_picture(id, seed(), position);
+  sample->cond = options_.condition_picture(id, seed(), position, pictures_);
   return sample;
 }
 
@@ -490,8 +513,8 @@ std::unique_ptr<Batch> StructuredLatentDataset::collate(const Samples& samples,
   std::vector<std::int64_t> joints;
   for (const auto& sample : samples) {
     const auto& latent = static_cast<const Latent&>(*sample);
-    surfaces.push_back(&latent.surface);
-    skeletons.push_back(&latent.skeleton);
+    surfaces.push_back(&latent.voxels->surface);
+    skeletons.push_back(&latent.voxels->skeleton);
     images.push_back(&latent.cond);
     joints.push_back(latent.joints);
     if (options_.load_rigs) batch->rigs.append(latent.rig);

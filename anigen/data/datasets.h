@@ -136,10 +136,13 @@ class StructureLatentDataset : public AssetDataset {
 
  private:
   struct Latent;
+  StructureLatent normalized(const std::filesystem::path& path) const;
   std::unique_ptr<Sample> read(std::size_t asset, std::uint64_t position) const override;
   std::unique_ptr<Batch> collate(const Samples& samples, const std::vector<std::string>& ids) const override;
 
   StructureLatentOptions options_;
+  mutable PictureCache pictures_;
+  mutable ReadCache<StructureLatent> latents_;
 };
 
 /// `dataset.args` of AniGenSparseStructure (docs/reference/training.md, 1.3). Rows need `voxelized`.
@@ -207,11 +210,17 @@ class StructuredLatentDataset : public AssetDataset {
 
  private:
   struct Latent;
+  struct VoxelPair {
+    VoxelRows surface, skeleton;
+  };
+  VoxelPair normalized(const std::filesystem::path& path) const;
   std::unique_ptr<Sample> read(std::size_t asset, std::uint64_t position) const override;
   std::unique_ptr<Batch> collate(const Samples& samples, const std::vector<std::string>& ids) const override;
 
   StructuredLatentOptions options_;
   mutable SurfaceCache surfaces_;
+  mutable PictureCache pictures_;
+  mutable ReadCache<VoxelPair> latents_;
 };
 
 /// The dataset of a config, and what its splits hold out for evaluation.

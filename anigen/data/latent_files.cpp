@@ -299,6 +299,7 @@ void LatentDatasetOptions::read_latents(ConfigReader& reader, bool conditioned, 
     f("image_size", image_size, {1, 4096});
     f("condition", condition, {{"color", ConditionPictures::kColor}, {"normal", ConditionPictures::kNormals}});
   }
+  f("cache_mb", cache_mb, {0, std::int64_t{1} << 20});
   RowFilter& filter = sources.filter;
   filter.required_flags = {flag + latent_model};
   if (image_conditioned) filter.required_flags.push_back("cond_rendered");
@@ -313,10 +314,10 @@ void LatentDatasetOptions::append_condition_files(const AssetId& asset, std::vec
 }
 
 std::vector<float> LatentDatasetOptions::condition_picture(const AssetId& asset, std::uint64_t seed,
-                                                           std::uint64_t position) const {
+                                                           std::uint64_t position, PictureCache& cache) const {
   if (!image_conditioned) return {};
   Rng view(seed, "condition view", position);
-  return read_condition_image(condition_folder(asset), image_size, view, condition);
+  return cache.read(condition_folder(asset), image_size, view, condition);
 }
 
 torch::Tensor LatentDatasetOptions::condition_batch(const std::vector<const std::vector<float>*>& pictures,

@@ -9,6 +9,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/data/metadata.h"
+#include "anigen/data/picture_cache.h"
 #include "anigen/data/view_files.h"
 #include "anigen/io/arrays/ndarray.h"
 #include "anigen/nn/torch.h"
@@ -100,8 +101,11 @@ struct LatentDatasetOptions {
   std::string latent_model;        ///< folder below ss_latents/ or latents/; required
   int image_size = 518;            ///< edge of the condition image; only when image-conditioned
   ConditionPictures condition = ConditionPictures::kColor;  ///< ours, `condition`: "color" or "normal"
-  ChannelStatistics normalization, normalization_skl;       ///< empty: none; each class reads its own form of them
+  std::int64_t cache_mb = 0;  ///< ours: memory for decoded pictures, and as much for latents; 0: read for every draw
+  ChannelStatistics normalization, normalization_skl;  ///< empty: none; each class reads its own form of them
 
+  /// Memory of a cache of pictures or latents.
+  std::uintmax_t cache_bytes() const { return static_cast<std::uintmax_t>(cache_mb) << 20; }
   /// Everything but the normalization. Rows need the column `flag` + latent_model, and `cond_rendered` when
   /// image-conditioned; no bad skeleton, no bad skin. @throws InputError
   void read_latents(ConfigReader& reader, bool conditioned, const std::string& flag);
@@ -109,7 +113,8 @@ struct LatentDatasetOptions {
   /// Adds the files that say whether an asset has condition pictures. @throws InputError when it should and has none
   void append_condition_files(const AssetId& asset, std::vector<std::filesystem::path>& files) const;
   /// One random view, chosen by (seed, position): [3, S, S] in [0, 1], on black; empty when not image-conditioned.
-  std::vector<float> condition_picture(const AssetId& asset, std::uint64_t seed, std::uint64_t position) const;
+  std::vector<float> condition_picture(const AssetId& asset, std::uint64_t seed, std::uint64_t position,
+                                       PictureCache& cache) const;
   /// @param pictures of a batch @return [B, 3, S, S] fp32; undefined when not image-conditioned
   torch::Tensor condition_batch(const std::vector<const std::vector<float>*>& pictures,
                                 const std::vector<std::string>& ids) const;

@@ -101,17 +101,35 @@ ViewImage read_view(const fs::path& folder, int size, Rng& rng) {
 
 fs::path condition_folder(const AssetId& asset) { return asset.root / "renders_cond" / asset.id; }
 
-io::Image read_condition_view(const fs::path& folder, Rng& rng, ConditionPictures pictures) {
-  const render::Frame frame = random_frame(folder, rng);
-  const fs::path color = folder / frame.file_path;
+std::vector<std::string> condition_views(const fs::path& folder) {
+  std::vector<std::string> names;
+  for (const render::Frame& frame : render::read_transforms(folder / "transforms.json").frames)
+    names.push_back(frame.file_path);
+  return names;
+}
+
+namespace {
+
+io::Image cropped_view(const fs::path& color, ConditionPictures pictures) {
   const fs::path path = pictures == ConditionPictures::kNormals ? normal_picture(color) : color;
   const io::Image picture = io::read_image(path);
   return io::crop(picture, io::condition_box(picture, path.string()));
 }
 
+}  // namespace
+
+io::Image read_condition_view(const fs::path& folder, Rng& rng, ConditionPictures pictures) {
+  return cropped_view(folder / random_frame(folder, rng).file_path, pictures);
+}
+
+io::Image condition_picture(const fs::path& color, int size, ConditionPictures pictures) {
+  return io::resize_lanczos(cropped_view(color, pictures), size, size, io::ResizeAlpha::kPremultiplied);
+}
+
+std::vector<float> planes_on_black(const io::Image& picture) { return planes(picture, true); }
+
 std::vector<float> read_condition_image(const fs::path& folder, int size, Rng& rng, ConditionPictures pictures) {
-  const io::Image object = read_condition_view(folder, rng, pictures);
-  return planes(io::resize_lanczos(object, size, size, io::ResizeAlpha::kPremultiplied), true);
+  return planes_on_black(condition_picture(folder / random_frame(folder, rng).file_path, size, pictures));
 }
 
 fs::path first_normal_picture(const fs::path& folder) {

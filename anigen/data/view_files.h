@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "anigen/asset/mesh.h"
@@ -48,6 +49,17 @@ io::Image read_condition_view(const std::filesystem::path& folder, Rng& rng,
 /// @param folder renders_cond/<id> @throws InputError as read_view, and for a view without an object
 std::vector<float> read_condition_image(const std::filesystem::path& folder, int size, Rng& rng,
                                         ConditionPictures pictures = ConditionPictures::kColor);
+
+/// File names of the colour pictures of `<folder>/transforms.json`, in the order that a random frame is chosen by.
+/// @throws InputError as read_view
+std::vector<std::string> condition_views(const std::filesystem::path& folder);
+
+/// One view, cropped around the object and resized with its alpha: what read_condition_image() puts on black.
+/// @param color file of the colour picture @return RGBA, size × size @throws InputError as read_condition_image
+io::Image condition_picture(const std::filesystem::path& color, int size, ConditionPictures pictures);
+
+/// Colours times alpha, [3, H, W] in [0, 1].
+std::vector<float> planes_on_black(const io::Image& picture);
 
 /// File of the normals of a view, if there are any: "007.png" has them in "007_normal.png".
 std::filesystem::path normal_picture_of(const std::filesystem::path& color);

@@ -16,16 +16,50 @@ namespace {
 
 constexpr std::int64_t kTaps = 27;
 
-// Rows that a link joins, as indices of `in` and `out`.
-struct LinkedRows {
-  Tensor from, to;
+// Values that products by tensor operations gather at a time.
+constexpr std::int64_t kMostGathered = std::int64_t{1} << 27;
+
+// The links to one child: what they read lies side by side, so that one product serves them all, and the host waits
+// for none.
+struct ChildLinks {
+  std::int64_t to_child = 0;
+  Tensor taps, from_children, matrices;  // [K] int64, on the device
+
+  std::int64_t count() const { return taps.size(0); }
+  // Values at some neighbours of each row, absent ones 0: [N, K · Cin].
+  // @param neighbours [27, N] @param filled `in` with a row of zeros below
+  Tensor gathered(const TapPlan& plan, const Tensor& neighbours, const Tensor& filled) const {
+    const Tensor found = neighbours.index_select(0, taps).to(torch::kInt64);
+    const Tensor rows = found * plan.from_children + from_children.unsqueeze(1);
+    const Tensor wanted = rows.masked_fill(found.lt(0), filled.size(0) - 1).t().reshape({-1});
+    return filled.index_select(0, wanted).view({neighbours.size(1), count() * filled.size(1)});
+  }
 };
 
-LinkedRows linked_rows(const TapPlan& plan, const TapLink& link, const Tensor& neighbours) {
-  const Tensor found = neighbours.select(0, link.tap);
-  const Tensor rows = found.ge(0).nonzero().squeeze(1);
-  return {found.index_select(0, rows).to(torch::kInt64) * plan.from_children + link.from_child,
-          rows * plan.to_children + link.to_child};
+std::vector<ChildLinks> links_by_child(const TapPlan& plan, torch::Device device) {
+  std::vector<ChildLinks> groups;
+  for (std::size_t first = 0, last = 0; first < plan.links.size(); first = last) {
+    std::vector<std::int64_t> taps, from_children, matrices;
+    for (; last < plan.links.size() && plan.links[last].to_child == plan.links[first].to_child; ++last) {
+      taps.push_back(plan.links[last].tap);
+      from_children.push_back(plan.links[last].from_child);
+      matrices.push_back(plan.links[last].matrix);
+    }
+    const auto on_device = [&](const std::vector<std::int64_t>& list) {
+      return torch::tensor(list, torch::kInt64).to(device);
+    };
+    groups.push_back({plan.links[first].to_child, on_device(taps), on_device(from_children), on_device(matrices)});
+  }
+  return groups;
+}
+
+Tensor with_zero_row(const Tensor& in) { return torch::cat({in, torch::zeros({1, in.size(1)}, in.options())}); }
+
+// Calls body(first, count) for blocks of N rows whose gathered values are few enough.
+template <typename Body>
+void for_gathered_blocks(std::int64_t rows, std::int64_t values_per_row, const Body& body) {
+  const std::int64_t block = std::max<std::int64_t>(1, kMostGathered / std::max<std::int64_t>(1, values_per_row));
+  for (std::int64_t first = 0; first < rows; first += block) body(first, std::min(block, rows - first));
 }
 
 using torch::autograd::AutogradContext;
@@ -113,8 +147,8 @@ Tensor matrices_of_taps(const Tensor& weight) {
   return weight.reshape({weight.size(0), kKernelTaps, weight.size(4)}).permute({1, 2, 0});
 }
 
-// Taps along one axis, [.., 3, ..] → [.., 4, ..]: for the lower child the tap that meets the coarse voxel before its own
-// and the sum of those that meet its own, then for the upper child its own and the next.
+// Taps along one axis, [.., 3, ..] → [.., 4, ..]: for the lower child the tap that meets the coarse voxel before its
+// own and the sum of those that meet its own, then for the upper child its own and the next.
 Tensor folded_axis(const Tensor& taps, std::int64_t axis) {
   const std::vector<Tensor> tap = taps.unbind(axis);
   return torch::stack({tap[0], tap[1] + tap[2], tap[0] + tap[1], tap[2]}, axis);
@@ -164,20 +198,33 @@ TapPlan reversed(const TapPlan& plan) {
 
 void add_tensor_tap_product(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& matrices,
                             Tensor& out) {
-  const Tensor weights = matrices.to(nn::dtype_of(in));
-  for (const TapLink& link : plan.links) {
-    const LinkedRows rows = linked_rows(plan, link, neighbours);
-    const Tensor product = in.index_select(0, rows.from).mm(weights.select(0, link.matrix));
-    out.index_add_(0, rows.to, product.to(nn::dtype_of(out)));
+  const Tensor weights = matrices.to(nn::dtype_of(in)), filled = with_zero_row(in);
+  const std::int64_t rows = neighbours.size(1), in_channels = in.size(1), out_channels = out.size(1);
+  const Tensor by_child = out.view({rows, plan.to_children, out_channels});
+  for (const ChildLinks& links : links_by_child(plan, in.device())) {
+    const std::int64_t width = links.count() * in_channels;
+    const Tensor stacked = weights.index_select(0, links.matrices).reshape({width, out_channels});
+    const Tensor sums = by_child.select(1, links.to_child);
+    for_gathered_blocks(rows, width, [&](std::int64_t first, std::int64_t count) {
+      const Tensor product = links.gathered(plan, neighbours.narrow(1, first, count), filled).mm(stacked);
+      sums.narrow(0, first, count).add_(product.to(nn::dtype_of(out)));
+    });
   }
 }
 
 Tensor tensor_tap_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes) {
-  Tensor matrices = torch::empty({plan.matrices(), in.size(1), slopes.size(1)},
-                                 in.options().dtype(nn::accumulation_dtype(nn::dtype_of(in))));
-  for (const TapLink& link : plan.links) {
-    const LinkedRows rows = linked_rows(plan, link, neighbours);
-    matrices.select(0, link.matrix).copy_(in.index_select(0, rows.from).t().mm(slopes.index_select(0, rows.to)));
+  const std::int64_t rows = neighbours.size(1), in_channels = in.size(1), out_channels = slopes.size(1);
+  const auto wide = in.options().dtype(nn::accumulation_dtype(nn::dtype_of(in)));
+  Tensor matrices = torch::empty({plan.matrices(), in_channels, out_channels}, wide);
+  const Tensor filled = with_zero_row(in), by_child = slopes.reshape({rows, plan.to_children, out_channels});
+  for (const ChildLinks& links : links_by_child(plan, in.device())) {
+    const std::int64_t width = links.count() * in_channels;
+    const Tensor of_child = by_child.select(1, links.to_child), sums = torch::zeros({width, out_channels}, wide);
+    for_gathered_blocks(rows, width, [&](std::int64_t first, std::int64_t count) {
+      const Tensor values = links.gathered(plan, neighbours.narrow(1, first, count), filled);
+      sums.add_(values.t().mm(of_child.narrow(0, first, count)));
+    });
+    matrices.index_copy_(0, links.matrices, sums.view({links.count(), in_channels, out_channels}));
   }
   return matrices;
 }

@@ -216,9 +216,11 @@ Precision choose_precision(const TrainerOptions& options, torch::Device device, 
         "precision bf16: the blocks compute in bf16, parameters are updated in fp32, losses are not scaled";
   } else if (options.precision == "mixed") {
     precision.mixed_products = device.is_cpu() && nn::kernels::has_bf16_products();
-    precision.note = precision.mixed_products
-                         ? "precision mixed: fp32, but for the factors of products, which are rounded to bf16"
-                         : "precision mixed: no kernels for products of bf16 numbers here, everything is fp32";
+    precision.tf32_products = device.is_cuda();
+    precision.note =
+        precision.mixed_products  ? "precision mixed: fp32, but for the factors of products, which are rounded to bf16"
+        : precision.tf32_products ? "precision mixed: fp32, but for the factors of products, which are rounded to tf32"
+                                  : "precision mixed: no kernels for products of bf16 numbers here, everything is fp32";
   } else if (options.precision == "fp16-published") {
     if (!device.is_cuda())
       throw NotSupportedError(file, "/trainer/args/precision", "fp16 on a CPU; use bf16, which a CPU computes faster");

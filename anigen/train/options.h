@@ -50,6 +50,7 @@ LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::st
 struct Precision {
   torch::Dtype compute = torch::kFloat32;  ///< of the torsos (see Stage::set_compute_dtype)
   bool mixed_products = false;             ///< factors of products rounded to bf16 (nn/kernels/mixed_products.h)
+  bool tf32_products = false;              ///< on CUDA: rounded to tf32, which has 10 bits behind the point
   bool loss_scaling = false;               ///< multiply losses by 2^log_scale: fp16 gradients underflow without
   std::string note;                        ///< one line for the log
 };
@@ -62,7 +63,7 @@ struct Precision {
 /// | "fp32" | fp32 | fp32 |
 /// | "fp64" | everything in fp64: for comparing ways to sum, stages 1, 4 and 5 | the same |
 /// | "bf16" | torsos in bf16 | torsos in bf16 |
-/// | "mixed" | fp32, factors of products rounded to bf16 where the CPU has such products | fp32 |
+/// | "mixed" | fp32, factors of products rounded to bf16 where the CPU has such products | the same, to tf32 |
 /// | "fp16-published" | not supported | torsos in fp16, losses scaled (docs/reference/training.md, 2.2) |
 ///
 /// bf16 has the range of fp32, so its losses are not scaled.

@@ -176,6 +176,7 @@ void train_as_rank(const TrainCommand& command, RunOptions run, const std::share
   options.update.loss_scaling = precision.loss_scaling;
   options.compute_dtype = precision.compute;
   nn::set_mixed_products(precision.mixed_products);
+  at::globalContext().setAllowTF32CuBLAS(precision.tf32_products);
   if (!precision.note.empty()) log::info("{}", precision.note);
   // Everything is read and checked before the run folder is touched.
   const std::unique_ptr<Stage> stage = given.stage();
@@ -227,6 +228,8 @@ void make_deterministic(torch::Device device) {
   if (!device.is_cuda()) return;
   at::globalContext().setDeterministicCuDNN(true);
   at::globalContext().setBenchmarkCuDNN(false);
+  // LibTorch 2.11 loads its linear algebra for CUDA at the first use, and fails when two replicas come first at once.
+  torch::linalg_inv(torch::eye(4, torch::TensorOptions().device(device)));
 }
 
 Json describe_config(const TrainCommand& command, ConfigView view) {

@@ -203,6 +203,57 @@ TEST_F(ConditionPictures, NormalsAreReadFromTheirOwnFilesCroppedAndMaskedAsColou
   EXPECT_TRUE(torch::equal(first("")->cond, first("color")->cond)) << "published default";
 }
 
+bool same_latents(const Batch& first, const Batch& second) {
+  const auto same_voxels = [](const RaggedVoxels& a, const RaggedVoxels& b) {
+    return torch::equal(a.coords, b.coords) && torch::equal(a.feats, b.feats);
+  };
+  if (const auto* a = dynamic_cast<const StructureLatentBatch*>(&first)) {
+    const auto& b = dynamic_cast<const StructureLatentBatch&>(second);
+    return torch::equal(a->x_0, b.x_0) && torch::equal(a->x_0_skl, b.x_0_skl) && torch::equal(a->cond, b.cond);
+  }
+  const auto& a = dynamic_cast<const StructuredLatentBatch&>(first);
+  const auto& b = dynamic_cast<const StructuredLatentBatch&>(second);
+  return same_voxels(a.x_0, b.x_0) && same_voxels(a.x_0_skl, b.x_0_skl) && torch::equal(a.cond, b.cond);
+}
+
+TEST_F(ConditionPictures, ACacheGivesTheSameBatchesWithoutReadingFilesAgain) {
+  const char* const classes[] = {"ImageConditionedAniGenSparseStructureLatent", "AniGenImageConditionedSLat"};
+  for (const char* name : classes) {
+    Json args = name == classes[0] ? test::structure_latent_args() : test::latent_args();
+    const Datasets plain = test::make_published(sample_, name, args);
+    args["cache_mb"] = 16;
+    const Datasets cached = test::make_published(sample_, name, args);
+    std::vector<std::unique_ptr<Batch>> first;
+    for (std::uint64_t position = 0; position < 12; ++position) {
+      first.push_back(plain.train->load({{position % 3, position}}));
+      EXPECT_TRUE(same_latents(*cached.train->load({{position % 3, position}}), *first.back()))
+          << name << " " << position;
+    }
+    const std::filesystem::path away = folder_ / "away";
+    std::filesystem::rename(sample_.root() / "renders_cond", away);
+    for (std::uint64_t position = 0; position < 12; ++position)
+      EXPECT_TRUE(same_latents(*cached.train->load({{position % 3, position}}), *first[position]))
+          << name << " " << position;
+    EXPECT_THROW(plain.train->load({{0, 0}}), InputError);
+    std::filesystem::rename(away, sample_.root() / "renders_cond");
+  }
+}
+
+TEST(ReadCache, ReadsOnceWhatFitsAndTheRestEachTime) {
+  ReadCache<int> cache(10);
+  int reads = 0;
+  const auto value_of = [&](const char* key, std::uintmax_t bytes) {
+    return *cache.get(
+        key, [&] { return ++reads; }, [&](int) { return bytes; });
+  };
+  EXPECT_EQ(value_of("a", 6), 1);
+  EXPECT_EQ(value_of("a", 6), 1);
+  EXPECT_EQ(value_of("b", 6), 2) << "6 and 6 are more than 10";
+  EXPECT_EQ(value_of("b", 6), 3);
+  EXPECT_EQ(value_of("c", 4), 4);
+  EXPECT_EQ(value_of("c", 4), 4);
+}
+
 TEST_F(ConditionPictures, MissingNormalsAndOtherWordsAreErrors) {
   try {
     first("normal");
