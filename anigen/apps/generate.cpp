@@ -79,6 +79,7 @@ void add_finishing_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--texture-size", finishing.texture_size)->check(whole_number(0, 8192));
   add_option(app, "--colors", arguments.colors);
   add_option(app, "--axes", arguments.axes);
+  add_option(app, "--still", arguments.still);
   add_option(app, "--obj", arguments.obj);
   add_option(app, "--intermediate", arguments.intermediate);
 }

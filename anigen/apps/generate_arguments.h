@@ -36,7 +36,7 @@ struct GenerateArguments {
   generate::FinishingOptions finishing;
   bool keep_hidden = false, keep_weights = false, no_smoothing = false;
   std::string axes = "gltf", colors = "picture";
-  bool obj = false, intermediate = false;
+  bool still = false, obj = false, intermediate = false;
 };
 
 }  // namespace anigen

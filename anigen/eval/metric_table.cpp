@@ -65,6 +65,13 @@ const std::vector<MetricInfo>& metric_table() {
       {"anymate_emd_exact", "exact EMD", kLow, "box of side 2", "anymate", false},
       {"anymate_precision", "Anymate prec", kHigh, "1", "anymate", false},
       {"anymate_recall", "Anymate rec", kHigh, "1", "anymate", false},
+      {"sound_stretched", "stretched", kLow, "1", "soundness", true},
+      {"sound_inverted", "inverted", kLow, "1", "soundness", false},
+      {"sound_crossed", "crossed", kLow, "1", "soundness", false},
+      {"sound_bleed", "bleed", kLow, "1", "soundness", true},
+      {"sound_islands", "islands", kLow, "joints", "soundness", false},
+      {"sound_dead_joints", "dead joints", kLow, "joints", "soundness", false},
+      {"sound_inside", "joints inside", kHigh, "1", "soundness", true},
       {"icp_rmse", "ICP", kLow, "box", "run", false},
       {"seconds", "seconds", Better::kNeither, "s", "run", false},
   };

@@ -19,7 +19,7 @@ struct MetricInfo {
   std::string label;  ///< column head for people
   Better better = Better::kLower;
   std::string unit;       ///< "box": longest side of the ground truth's bounding box is 1; "1": a plain number
-  std::string group;      ///< skeleton, transport, skin, motion, surface, image, anymate, run
+  std::string group;      ///< skeleton, transport, skin, motion, surface, image, anymate, soundness, run
   bool headline = false;  ///< shown in the short table
 };
 

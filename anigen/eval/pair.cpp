@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/text.h"
 #include "anigen/geometry/correspondence.h"
+#include "anigen/lint/lint.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"
 #include "anigen/metrics/matching.h"
@@ -306,6 +307,24 @@ void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& setti
   result.details["hausdorff"] = scores.hausdorff;
 }
 
+/// Figures of lint on the prediction alone: no truth is needed for them.
+void add_soundness(const io::RiggedShape& predicted, const PairSettings& settings, PairResult& result) {
+  lint::LintOptions options;
+  options.seed = settings.seed;
+  const Json figures = lint::lint_rig(io::to_asset(predicted), options).figures;
+  const std::pair<const char*, const char*> keys[] = {
+      {"sound_stretched", "stretched_share"},   {"sound_inverted", "inverted_share"},
+      {"sound_crossed", "newly_crossed_share"}, {"sound_bleed", "shell_bleed_share"},
+      {"sound_islands", "far_weight_islands"},  {"sound_dead_joints", "dead_joints"},
+      {"sound_inside", "joints_inside_share"}};
+  for (const auto& [key, figure] : keys) {
+    if (figures.contains(figure))
+      result.set(key, figures.at(figure).get<double>());
+    else
+      result.skip(key, "lint could not look for it: the rig is broken");
+  }
+}
+
 /// True when the prediction most resembles a reference of its truth's category.
 void add_category(const ComparedShapes& shapes, const CategoryQuestion& question, PairResult& result) {
   if (question.references == nullptr)
@@ -359,7 +378,11 @@ Json to_json(const PairSettings& settings) {
 
 void check(const PairSettings& settings) {
   check(settings.alignment.registration);
-  static const std::set<std::string> kGroups = PairSettings().groups;
+  static const std::set<std::string> kGroups = [] {
+    std::set<std::string> groups = PairSettings().groups;
+    groups.insert("soundness");
+    return groups;
+  }();
   for (const std::string& group : settings.groups) {
     if (kGroups.count(group) > 0) continue;
     throw InputError("", group, "no such group of metrics; there are " + joined(kGroups));
@@ -460,6 +483,9 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
     add_surface_metrics(shapes, settings, result);
     add_category(shapes, category, result);
   });
+  const std::string no_skin = missing_skin(shapes.predicted, "the prediction");
+  group("soundness", no_skin.empty() && !shapes.predicted.has_surface() ? "the prediction has no faces" : no_skin,
+        [&] { add_soundness(shapes.predicted, settings, result); });
   group("image", no_surface, [&] { add_image_metrics(shapes, settings, perceptual, result); });
   result.set("seconds", std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count());
   return result;

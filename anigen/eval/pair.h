@@ -36,7 +36,7 @@ struct PairSettings {
   TransportMethod transport = TransportMethod::kExact;
   /// Of Sinkhorn, as a share of the largest squared distance; without, those of SinkhornOptions and EntropicGwOptions.
   std::optional<double> epsilon;
-  /// Groups to compute, of the seven of docs/metrics.md.
+  /// Groups to compute, of those of docs/metrics.md: these seven, and "soundness" where it is asked for.
   std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "motion", "anymate"};
 
   /// Network and weights of LPIPS; null: not computed. It stands here so that no saved result

@@ -23,6 +23,7 @@
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/obj.h"
+#include "anigen/motions/built_in.h"
 #include "anigen/nn/profile.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
@@ -97,6 +98,15 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
 // Words of the enums, in their order.
 constexpr const char* kConditions[] = {"trained", "color", "normal"};
 constexpr const char* kAverages[] = {"usual", "always", "never"};
+
+// A skeleton that no idle clip fits gets none, which is said.
+void add_idle_clip(Asset& asset, std::vector<std::string>& notices) {
+  try {
+    asset.animations.push_back(motions::idle_clip(asset));
+  } catch (const InputError& problem) {
+    notices.push_back(std::string("no idle clip: ") + problem.what());
+  }
+}
 
 class Generation {
  public:
@@ -192,6 +202,7 @@ class Generation {
       axes.axes = io::ExportAxes::kPublished;
       finished.asset.skeleton = io::unrotated_in_file(finished.asset.skeleton, axes.axes);
     }
+    if (request_.idle) add_idle_clip(finished.asset, notices);
     io::write_png(report.folder / "processed_image.png", second.picture);
     if (normals) io::write_png(report.folder / "processed_normal.png", first.normals);
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
@@ -298,6 +309,7 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                    {"averages", kAverages[static_cast<int>(request.models.averages)]},
                    {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
                    {"picture_colors", request.picture_colors},
+                   {"idle", request.idle},
                    {"published_axes", request.published_axes},
                    {"obj", request.obj},
                    {"finishing",

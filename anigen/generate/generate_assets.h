@@ -21,6 +21,7 @@ struct GenerateRequest {
   FinishingOptions finishing;
   bool picture_colors = true;      ///< where the camera is known, see generate/picture_colors.h; else decoded colours
   bool published_axes = false;     ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
+  bool idle = true;                ///< mesh.glb moves: motions::idle_clip()
   bool obj = false;                ///< also mesh.obj and mesh.rig.json, see io/obj.h
   bool intermediate = false;       ///< also what the stages gave: voxels, latents, votes, the dense mesh
   bool again = false;              ///< also assets whose files are there
@@ -58,7 +59,7 @@ struct GenerationReport {
   Json details;         ///< as written to generation.json
 };
 
-/// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, skeleton.glb, processed_image.png,
+/// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, which idles, skeleton.glb, processed_image.png,
 /// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (commit,
 /// runs, seed, options, notices, times). A picture that fails, for whatever reason, is
 /// reported and does not stop the others.

@@ -7,6 +7,7 @@
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/image.h"
 #include "anigen/io/image_resize.h"
+#include "anigen/io/mtl.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/rig_reader.h"

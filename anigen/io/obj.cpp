@@ -42,6 +42,12 @@ std::string_view take_token(std::string_view& text) {
   return token;
 }
 
+std::string_view trimmed(std::string_view text) {
+  const std::size_t begin = text.find_first_not_of(kBlanks);
+  if (begin == std::string_view::npos) return {};
+  return text.substr(begin, text.find_last_not_of(kBlanks) + 1 - begin);
+}
+
 bool TextLines::next_line() {
   if (rest_.empty()) return false;
   ++line_;
@@ -172,7 +178,24 @@ class ObjParser : TextLines {
       obj_.normals.emplace_back(number(0), number(1), number(2));
     } else if (keyword == "f" || keyword == "fo") {
       parse_face(line);
+    } else if (keyword == "usemtl") {
+      use_material(std::string(trimmed(line)));
+    } else if (keyword == "mtllib") {
+      // Several names may stand in a line, and a name may hold blanks: those that end in .mtl tell.
+      const std::string_view all = trimmed(line);
+      std::size_t begin = 0;
+      for (std::size_t end = all.find(".mtl "); end != std::string_view::npos; end = all.find(".mtl ", begin)) {
+        obj_.materials.libraries.emplace_back(trimmed(all.substr(begin, end + 4 - begin)));
+        begin = end + 5;
+      }
+      if (begin < all.size()) obj_.materials.libraries.emplace_back(trimmed(all.substr(begin)));
     }
+  }
+
+  void use_material(const std::string& name) {
+    const auto [known, is_new] = material_.try_emplace(name, static_cast<std::int32_t>(obj_.materials.names.size()));
+    if (is_new) obj_.materials.names.push_back(name);
+    current_ = known->second;
   }
 
   float number(std::size_t i) const { return static_cast<float>(numbers_[i]); }
@@ -205,7 +228,7 @@ class ObjParser : TextLines {
       obj_.corners.push_back(parse_corner(token));
     const std::size_t found = obj_.corners.size() - first;
     if (found < 3) fail("a face needs at least 3 corners, found " + std::to_string(found));
-    obj_.polygons.push_back({first, first_line_});
+    obj_.polygons.push_back({first, first_line_, current_});
   }
 
   // v, v/vt, v//vn or v/vt/vn; negative numbers count back from the latest entry.
@@ -256,6 +279,8 @@ class ObjParser : TextLines {
   }
 
   ObjFile obj_;
+  std::unordered_map<std::string, std::int32_t> material_;
+  std::int32_t current_ = -1;
   std::size_t first_line_ = 0;  // of the logical line
   std::array<double, 7> numbers_{};
   std::size_t count_ = 0;
@@ -353,6 +378,7 @@ void add_faces(const ObjFile& obj, VertexSplitter& splitter, Mesh& mesh) {
     for (std::size_t c = begin + 2; c < end; ++c) {
       const std::int32_t next = splitter.vertex(obj.corners[c]);
       mesh.faces.push_back({hub, previous, next});
+      if (!obj.materials.names.empty()) mesh.face_materials.push_back(obj.polygons[p].material);
       previous = next;
     }
   }
@@ -377,14 +403,16 @@ void add_vertices(const ObjFile& obj, const std::vector<ObjFile::Corner>& vertic
 
 }  // namespace
 
-Mesh read_obj(const std::filesystem::path& path) {
+Mesh read_obj(const std::filesystem::path& path, ObjMaterials* materials) {
   const std::string file = path.string();
-  const ObjFile obj = parse_obj(read_file(path, kMostObjBytes), file);
+  ObjFile obj = parse_obj(read_file(path, kMostObjBytes), file);
+  if (materials == nullptr) obj.materials = {};
   if (obj.positions.empty()) throw InputError(file, "", "no vertices: not an OBJ file, or an empty one");
   Mesh mesh;
   VertexSplitter splitter(obj, file);
   add_faces(obj, splitter, mesh);
   add_vertices(obj, splitter.vertices(), mesh);
+  if (materials != nullptr) *materials = std::move(obj.materials);
   return mesh;
 }
 

@@ -12,10 +12,17 @@
 
 namespace anigen::io {
 
+/// Names that an OBJ file says its materials by.
+struct ObjMaterials {
+  std::vector<std::string> libraries;  ///< files that `mtllib` names
+  std::vector<std::string> names;      ///< that `usemtl` names, in the order of their first use
+};
+
 /// Vertices, texture coordinates, normals and polygons (triangulated as fans); vertex colours after the position
 /// as several tools write them. Axes as in the file. Vertices are split where a corner uses another uv or normal.
+/// @param materials if given, filled, and faces refer to its names (io/mtl.h reads the materials themselves)
 /// @throws InputError naming the line
-Mesh read_obj(const std::filesystem::path& path);
+Mesh read_obj(const std::filesystem::path& path, ObjMaterials* materials = nullptr);
 void write_obj(const std::filesystem::path& path, const Mesh& mesh);  ///< atomic
 
 /// An asset for programs that read no glTF: the mesh as OBJ, and beside it `<stem>.rig.json` with `joints`, a list of
@@ -30,6 +37,7 @@ struct ObjFile {
   using Corner = std::array<std::int64_t, 3>;
   struct Polygon {
     std::size_t first_corner, line;
+    std::int32_t material = -1;  ///< of materials.names; -1: none was named before
   };
 
   std::vector<Eigen::Vector3f> positions;
@@ -38,6 +46,7 @@ struct ObjFile {
   std::vector<Eigen::Vector3f> normals;
   std::vector<Corner> corners;
   std::vector<Polygon> polygons;  ///< each ends where the next begins
+  ObjMaterials materials;
 };
 
 /// Parses the text; all indices are in range afterwards. Keywords that carry no triangles are ignored.
@@ -50,6 +59,9 @@ bool parse_number(std::string_view token, double& value);
 
 /// The next run of characters that are neither blanks nor line ends, removed from `text`; empty at its end.
 std::string_view take_token(std::string_view& text);
+
+/// Without blanks and line ends at both ends.
+std::string_view trimmed(std::string_view text);
 
 /// Lines of a text with their numbers, for parsers to derive from.
 class TextLines {

@@ -111,6 +111,17 @@ TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
   EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
 }
 
+TEST_F(GenerateAssets, AnAssetIdlesUnlessItIsToStandStill) {
+  ASSERT_EQ(one("moving").failure, "");
+  const Asset moving = io::read_gltf(made("moving", "mesh.glb")).asset;
+  ASSERT_EQ(moving.animations.size(), 1u);
+  EXPECT_EQ(moving.animations.front().name, "idle");
+  EXPECT_FALSE(moving.animations.front().channels.empty());
+  request_.idle = false;
+  ASSERT_EQ(one("still").failure, "");
+  EXPECT_TRUE(io::read_gltf(made("still", "mesh.glb")).asset.animations.empty());
+}
+
 // Results of the stages, in files as those of a dataset: every voxel that the report counts has a row.
 TEST_F(GenerateAssets, IntermediateResultsAreKeptWhenAskedFor) {
   ASSERT_EQ(one("without").failure, "");

@@ -244,6 +244,7 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
   if (arguments.no_smoothing) request.finishing.smoothing_iterations = 0;
   request.published_axes = arguments.axes == "published";
   request.picture_colors = arguments.colors == "picture";
+  request.idle = !arguments.still;
   request.obj = arguments.obj;
   request.intermediate = arguments.intermediate;
   request.again = arguments.force;

@@ -18,6 +18,7 @@
 #include "anigen/core/process.h"
 #include "anigen/io/rigs/assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/texture_files.h"
 
 namespace anigen::io::assimp_import {
 
@@ -310,20 +311,6 @@ std::string percent_encoded(const std::string& path) {
     }
   }
   return uri;
-}
-
-/// The texture's place relative to the folder; when it is nowhere, its name.
-fs::path find_texture(std::string named, const fs::path& folder) {
-  std::replace(named.begin(), named.end(), '\\', '/');
-  const fs::path given = fs::path(named).lexically_normal();
-  const fs::path name = given.filename();
-  const bool inside =
-      given.is_relative() && !given.empty() && *given.begin() != ".." && named.find(':') == std::string::npos;
-  for (const fs::path& place : {inside ? given : name, name, fs::path("textures") / name}) {
-    std::error_code error;
-    if (!place.empty() && fs::is_regular_file(folder / place, error)) return place;
-  }
-  return name;
 }
 
 class Textures {

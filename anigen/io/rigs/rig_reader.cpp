@@ -12,7 +12,7 @@
 #include "anigen/core/hash.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/container.h"
-#include "anigen/io/obj.h"
+#include "anigen/io/mtl.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/anymate.h"
 #include "anigen/io/rigs/articulation_xl.h"
@@ -47,7 +47,15 @@ RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes ax
   RiggedShape shape(id, file.string());
   const std::string extension = lower_extension(file);
   const bool obj = extension == ".obj";
-  shape.mesh = obj ? read_obj(file) : extension == ".ply" ? read_ply(file) : read_stl(file);
+  if (obj) {
+    PaintedMesh painted = read_painted_obj(file);
+    shape.mesh = std::move(painted.mesh);
+    shape.materials = std::move(painted.materials);
+    shape.images = std::move(painted.images);
+    shape.notes = std::move(painted.notes);
+  } else {
+    shape.mesh = extension == ".ply" ? read_ply(file) : read_stl(file);
+  }
   turn_to_z_up(shape, axes, obj ? Axes::kYUp : Axes::kZUp);
   return shape;
 }
