@@ -147,6 +147,8 @@ class StructureComparison {
       training_ = dataset_of(generator_.reading(), request.data, train_splits, request.seed, false);
       retrieval_ = std::make_unique<StructureRetrieval>(generator_, *training_, request.retrieval_views);
     }
+    // A strength of 0 is the row that is not guided.
+    strengths_.erase(std::remove(strengths_.begin(), strengths_.end(), 0.0), strengths_.end());
     name_methods();
   }
 

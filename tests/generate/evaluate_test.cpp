@@ -201,7 +201,7 @@ class EvaluateStructures : public testing::Test {
     request_.splits = {folder_ / "test.txt"};
     request_.train_split = folder_ / "train.txt";
     request_.out = folder_ / "out";
-    request_.strengths = {0.5, 3.0};
+    request_.strengths = {0.0, 0.5, 3.0};
   }
 
   void run(const std::string& name, const char* config) {

@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
+#include "anigen/core/log.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/mtl.h"
@@ -53,6 +54,7 @@ RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes ax
     shape.materials = std::move(painted.materials);
     shape.images = std::move(painted.images);
     shape.notes = std::move(painted.notes);
+    for (const std::string& note : shape.notes) log::warn("{}: {}", file.string(), note);
   } else {
     shape.mesh = extension == ".ply" ? read_ply(file) : read_stl(file);
   }
