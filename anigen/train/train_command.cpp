@@ -229,7 +229,7 @@ void make_deterministic(torch::Device device) {
   at::globalContext().setDeterministicCuDNN(true);
   at::globalContext().setBenchmarkCuDNN(false);
   // LibTorch 2.11 loads its linear algebra for CUDA at the first use, and fails when two replicas come first at once.
-  torch::linalg_inv(torch::eye(4, torch::TensorOptions().device(device)));
+  if (torch::cuda::is_available()) torch::linalg_inv(torch::eye(4, torch::TensorOptions().device(device)));
 }
 
 Json describe_config(const TrainCommand& command, ConfigView view) {
