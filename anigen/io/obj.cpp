@@ -332,8 +332,7 @@ struct CornerHash {
 class VertexSplitter {
  public:
   VertexSplitter(const ObjFile& obj, const std::string& file)
-      : obj_(obj),
-        file_(file),
+      : file_(file),
         first_use_(obj.positions.size(), kUnused),
         uv_(first_equal(obj.uvs)),
         normal_(first_equal(obj.normals)) {
@@ -361,7 +360,6 @@ class VertexSplitter {
 
  private:
   static constexpr char kUnused = 0;
-  const ObjFile& obj_;
   const std::string& file_;
   std::vector<char> first_use_;
   std::vector<std::int64_t> uv_, normal_;
