@@ -6,8 +6,9 @@ std::vector<float> PictureCache::read(const std::filesystem::path& folder, int s
   const auto frames = frames_.get(
       folder.string(), [&] { return condition_views(folder); },
       [](const std::vector<std::string>& names) {
-        std::uintmax_t bytes = sizeof(names);
-        for (const std::string& name : names) bytes += sizeof(name) + name.size();
+        constexpr std::uintmax_t kOfAString = 32;
+        std::uintmax_t bytes = kOfAString;
+        for (const std::string& name : names) bytes += kOfAString + name.size();
         return bytes;
       });
   const std::filesystem::path view = folder / (*frames)[rng.index(frames->size())];
