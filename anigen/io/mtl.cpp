@@ -90,7 +90,7 @@ class Painter {
   Painter(const std::filesystem::path& folder, PaintedMesh& painted) : folder_(folder), painted_(painted) {}
 
   void add_library(const std::string& named) {
-    const std::filesystem::path file = folder_ / find_texture(named, folder_);
+    const std::filesystem::path file = folder_ / find_named_file(named, folder_);
     try {
       for (MtlMaterial& material : parse_mtl(read_file(file, kMostLibraryBytes), file.string()))
         known_.emplace(material.name, std::move(material));  // of two with one name the first, as other readers do
@@ -119,7 +119,7 @@ class Painter {
     const auto [known, is_new] = images_.try_emplace(texture, -1);
     if (!is_new) return known->second;
     try {
-      painted_.images.push_back(read_texture(folder_ / find_texture(texture, folder_)));
+      painted_.images.push_back(read_texture(folder_ / find_named_file(texture, folder_)));
       known->second = static_cast<int>(painted_.images.size()) - 1;
     } catch (const InputError& problem) {
       painted_.notes.emplace_back(problem.what());

@@ -18,7 +18,7 @@ bool begins_with(std::string_view bytes, std::string_view magic) { return bytes.
 
 }  // namespace
 
-std::filesystem::path find_texture(std::string named, const std::filesystem::path& folder) {
+std::filesystem::path find_named_file(std::string named, const std::filesystem::path& folder) {
   namespace fs = std::filesystem;
   std::replace(named.begin(), named.end(), '\\', '/');
   const fs::path given = fs::path(named).lexically_normal();

@@ -338,7 +338,7 @@ class Textures {
             std::string(reinterpret_cast<const char*>(embedded->pcData), embedded->mWidth));
       }
     } else {
-      const fs::path found = find_texture(path, folder_);
+      const fs::path found = find_named_file(path, folder_);
       if (found.empty()) return -1;
       image.name = found.stem().string();
       image.uri = percent_encoded(found.generic_string());
