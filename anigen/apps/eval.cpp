@@ -149,6 +149,8 @@ std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options
   add("--dataset-up", options.dataset_up);
   add("--normalize", options.normalization);
   add("--no-icp", options.no_icp);
+  add("--visible-surface", options.shapes.settings.visible_surface);
+  add("--merge-joints", options.shapes.settings.merge_joints)->check(number(0, 0.5));
   add("--rotations", icp.rotations)->check(whole_number(0, 100'000));
   add("--icp-scale", icp.similarity);
   add("--icp-plane", options.point_to_plane);

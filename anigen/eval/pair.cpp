@@ -8,8 +8,11 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/table.h"
 #include "anigen/core/text.h"
+#include "anigen/eval/merged_joints.h"
 #include "anigen/geometry/correspondence.h"
+#include "anigen/geometry/visible_surface.h"
 #include "anigen/lint/lint.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"
@@ -299,12 +302,29 @@ void add_surface_metrics(const ComparedShapes& shapes, const PairSettings& setti
   metrics::SurfaceOptions options;
   options.samples = settings.surface_samples;
   options.seed = settings.seed;
-  const metrics::SurfaceScores scores = metrics::surface_scores(shapes.predicted.mesh, shapes.truth.mesh, options);
+  const metrics::SurfaceScores scores =
+      metrics::surface_scores(shapes.visible_predicted ? *shapes.visible_predicted : shapes.predicted.mesh,
+                              shapes.visible_truth ? *shapes.visible_truth : shapes.truth.mesh, options);
   result.set("surface_chamfer", scores.chamfer);
   result.set("fscore", scores.fscore_005);
   result.set("fscore_001", scores.fscore_001);
   result.set("normal_consistency", scores.normal_consistency);
   result.details["hausdorff"] = scores.hausdorff;
+}
+
+/// The visible part of a shape's surface, with its joints; a shape without faces as it is.
+io::RiggedShape visible_part(const io::RiggedShape& shape) {
+  if (!shape.has_surface()) return shape;
+  io::RiggedShape visible;
+  visible.file = shape.file;
+  visible.id = shape.id;
+  visible.joints = shape.joints;
+  try {
+    visible.mesh = geometry::visible_surface(shape.mesh);
+  } catch (const InputError& error) {
+    throw InputError(shape.file, error.place(), error.problem());
+  }
+  return visible;
 }
 
 /// Figures of lint on the prediction alone: no truth is needed for them.
@@ -366,6 +386,8 @@ Json to_json(const PairSettings& settings) {
           {"icp", settings.alignment.icp ? to_json(settings.alignment.registration) : Json(nullptr)},
           {"seed", settings.seed},
           {"surface_samples", settings.surface_samples},
+          {"visible_surface", settings.visible_surface},
+          {"merge_joints", settings.merge_joints},
           {"image_size", settings.image_size},
           {"poses", settings.poses},
           {"motion_frames", settings.motion_frames},
@@ -396,6 +418,7 @@ void check(const PairSettings& settings) {
   if (sinkhorn && !settings.wants("transport"))
     throw InputError("", "--transport", "is about the metrics of the group 'transport', which --metrics leaves out");
   require_between(static_cast<double>(settings.surface_samples), 1, 10'000'000, "surface samples");
+  require_between(settings.merge_joints, 0, 0.5, "distance of joints to merge");
   require_between(settings.image_size, 16, 4096, "image size");
   require_between(settings.poses, 1, 10000, "poses");
   require_between(settings.motion_frames, 1, 10000, "frames of a motion");
@@ -445,9 +468,26 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
   metrics::AlignmentOptions options = settings.alignment;
   options.registration.seed = settings.seed;
   ComparedShapes shapes;
-  shapes.alignment = metrics::align(predicted, truth, options);
+  if (settings.visible_surface) {
+    const io::RiggedShape seen_of_prediction = visible_part(predicted), seen_of_truth = visible_part(truth);
+    shapes.alignment = metrics::align(seen_of_prediction, seen_of_truth, options);
+    if (truth.has_surface() && predicted.has_surface()) {
+      shapes.visible_predicted = metrics::transformed(shapes.alignment.prediction, seen_of_prediction).mesh;
+      shapes.visible_truth = metrics::transformed(shapes.alignment.truth, seen_of_truth).mesh;
+    }
+  } else {
+    shapes.alignment = metrics::align(predicted, truth, options);
+  }
   shapes.predicted = metrics::transformed(shapes.alignment.prediction, predicted);
   shapes.truth = metrics::transformed(shapes.alignment.truth, truth);
+  if (settings.merge_joints > 0.0) {
+    for (io::RiggedShape* shape : {&shapes.predicted, &shapes.truth}) {
+      const std::size_t merged = merge_joints(*shape, settings.merge_joints);
+      if (merged == 0) continue;
+      shape->notes.push_back(std::to_string(merged) + " joints merged into others within " +
+                             significant(settings.merge_joints, 3));
+    }
+  }
   return shapes;
 }
 
@@ -457,9 +497,9 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
   const auto started = std::chrono::steady_clock::now();
   PairResult result;
   result.id = truth.id;
-  copy_notes(truth, "ground truth", result);
-  copy_notes(predicted, "prediction", result);
   const ComparedShapes shapes = bring_together(predicted, truth, settings);
+  copy_notes(shapes.truth, "ground truth", result);
+  copy_notes(shapes.predicted, "prediction", result);
   result.details["alignment"] = alignment_json(shapes.alignment);
   result.details["prediction"] = sizes(predicted);
   result.details["ground_truth"] = sizes(truth);

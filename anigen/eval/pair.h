@@ -30,9 +30,11 @@ struct PairSettings {
   metrics::AlignmentOptions alignment;
   std::uint64_t seed = 0;  ///< of samples, starting rotations, poses
   std::size_t surface_samples = 100000;
-  int image_size = 512;    ///< pixels of the views that PSNR, SSIM and LPIPS compare
-  int poses = 10;          ///< of the deformation error
-  int motion_frames = 12;  ///< of a clip or pose sequence that motion_distance looks at
+  double merge_joints = 0.0;     ///< merge_joints() of both sides at this distance, in the frame of scores; 0: none
+  bool visible_surface = false;  ///< alignment and surface metrics by geometry::visible_surface() of either mesh
+  int image_size = 512;          ///< pixels of the views that PSNR, SSIM and LPIPS compare
+  int poses = 10;                ///< of the deformation error
+  int motion_frames = 12;        ///< of a clip or pose sequence that motion_distance looks at
   TransportMethod transport = TransportMethod::kExact;
   /// Of Sinkhorn, as a share of the largest squared distance; without, those of SinkhornOptions and EntropicGwOptions.
   std::optional<double> epsilon;
@@ -83,6 +85,8 @@ PairResult pair_result_from_json(const Json& json, const std::string& file);
 struct ComparedShapes {
   io::RiggedShape predicted, truth;
   metrics::Alignment alignment;
+  /// Visible parts of both meshes in that frame, where the settings ask for them.
+  std::optional<Mesh> visible_predicted, visible_truth;
 };
 
 /// Category that the prediction should be recognised as, and its rivals.

@@ -4,8 +4,10 @@
 
 #include "anigen/core/error.h"
 #include "anigen/eval/metric_table.h"
+#include "anigen/geometry/primitives.h"
 #include "tests/eval/rigged_walker.h"
 #include "tests/eval/study.h"
+#include "tests/geometry/mesh_shape.h"
 
 namespace anigen::eval {
 namespace {
@@ -60,6 +62,28 @@ TEST(PairEvaluation, WithoutAlignmentPlacementMatters) {
   // Distances along the skeleton do not change when it is turned; only the scale of normalisation does.
   EXPECT_LT(result.value("gromov_wasserstein"), 1e-3);
   EXPECT_EQ(result.values.count("surface_chamfer"), 0u);
+}
+
+TEST(PairEvaluation, FacesInsideABodyDoNotCountWhenOnlyTheVisibleSurfaceDoes) {
+  PairSettings settings = quick();
+  settings.groups = {"skeleton", "surface"};
+  const io::RiggedShape shape = test::rigged_walker();
+  io::RiggedShape stuffed = shape;
+  Mesh hidden = geometry::icosphere(3, 0.08);
+  for (Eigen::Vector3f& vertex : hidden.vertices) vertex += Eigen::Vector3f(0.0f, 0.0f, 0.2f);
+  for (int copy = 0; copy < 5; ++copy) stuffed.mesh = test::together(stuffed.mesh, hidden);
+
+  const PairResult all = evaluate_pair(shape, stuffed, settings);
+  EXPECT_GT(all.value("surface_chamfer"), 0.01);
+  settings.visible_surface = true;
+  const PairResult visible = evaluate_pair(shape, stuffed, settings);
+  EXPECT_LT(visible.value("surface_chamfer"), 1e-4);
+  EXPECT_LT(visible.value("j2j"), 1e-4);
+  EXPECT_EQ(to_json(settings).at("visible_surface"), true);
+
+  io::RiggedShape points = shape;
+  points.mesh.faces.clear();
+  EXPECT_EQ(evaluate_pair(points, stuffed, settings).values.count("j2j"), 1u);
 }
 
 TEST(PairEvaluation, MissingPartsLeaveTheRest) {

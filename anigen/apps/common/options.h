@@ -192,6 +192,8 @@ inline constexpr OptionRow kOptions[] = {
     // --- Metrics ---
     {"--normalize", 0, "centroid-rms|bounding-box|none", "Metrics", "Normalisation before registration", ""},
     {"--no-icp", 0, "", "Metrics", "Normalise only, do not register", ""},
+    {"--visible-surface", 0, "", "Metrics", "Normalise, register and measure surfaces by their faces that can be seen from outside", ""},
+    {"--merge-joints", 0, "X", "Metrics", "Joints within this distance of another are one joint, on both sides, in units of the box; 0: none", ""},
     {"--rotations", 0, "N", "Metrics", "Random rotations that registration starts from, beside the identity", ""},
     {"--icp-scale", 0, "", "Metrics", "Registration may change the scale", ""},
     {"--icp-plane", 0, "", "Metrics", "Point-to-plane registration", ""},
