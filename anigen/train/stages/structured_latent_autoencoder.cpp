@@ -121,6 +121,9 @@ StructuredLatentAutoEncoderStage::StructuredLatentAutoEncoderStage(
     Dataset held_out, torch::Device device, vision::Lpips lpips, nn::Init init)
     : AutoEncoderStage(coders, options, std::move(data), std::move(held_out), device, init), lpips_(std::move(lpips)) {
   if (!options_.variant.needs_skin_ae()) silence_skin_encoder();
+  if (options_.frozen_encoder) {
+    for (Tensor& parameter : encoder_->parameters()) parameter.set_requires_grad(false);
+  }
   trains_geometry_ = trains_any_geometry(*encoder_) || trains_any_geometry(*decoder_);
 }
 
@@ -232,19 +235,23 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
   fit_memory(assets);
   at::Generator generator = loss_generator(context, "structured latents");
   const Inputs inputs = inputs_of(assets);
-  const Latents latents = encode(inputs, &generator);
+  Latents latents;
+  {
+    const torch::AutoGradMode with_grad(!options_.frozen_encoder);
+    latents = encode(inputs, &generator);
+  }
   LossSum sum;
 
   // λ_kl KL(N(μ, σ²) ‖ N(0, 1)) of the latents that get no noise; the others become z_t.
   structured_latent::PerStream<SparseTensor> z = streams_of(latents);
   if (options_.noise.enabled) {
     z.skin.feats = noised(z.skin.feats, *z.skin.support, options_.noise, context.step, generator);
-  } else {
+  } else if (!options_.frozen_encoder) {
     sum.add("kl", sparse_structure::posterior_kl(latents.mean, latents.logvar), options_.lambda_kl);
   }
   if (options_.noise_skl.enabled) {
     z.skeleton.feats = noised(z.skeleton.feats, *z.skeleton.support, options_.noise_skl, context.step, generator);
-  } else {
+  } else if (!options_.frozen_encoder) {
     sum.add("kl_skl", sparse_structure::posterior_kl(latents.mean_skl, latents.logvar_skl), options_.lambda_kl_skl);
   }
 
@@ -387,6 +394,9 @@ void StructuredLatentAutoEncoderStage::start_model(torch::nn::Module& model, boo
 }
 
 void StructuredLatentAutoEncoderStage::warm_start(const LoadedKeys& finetuned) {
+  if (options_.frozen_encoder && finetuned.count("encoder") == 0)
+    throw InputError("", "trainer/args/frozen_encoder",
+                     "needs a trained encoder: --load a run or its exported weights, or name them in finetune_ckpt");
   const auto& encoder = coders_.encoder;
   const auto& decoder = coders_.decoder;
   start_model(*encoder_, encoder.use_pretrain_branch, structured_latent::kStructuredLatentEncoderClass,

@@ -35,6 +35,8 @@ struct StructuredLatentAutoEncoderStageOptions {
   // Ours.
   /// Of an asset without a surface, which no picture can pull back: its tsdf_loss over the squared truncation.
   double lambda_lost_surface = 0.0;
+  /// Only the decoder is trained, so that flows may be trained on the latents meanwhile. Needs weights to start from.
+  bool frozen_encoder = false;
   structured_latent::StructuredLatentVariant variant;
   std::vector<std::filesystem::path>
       lpips_weights;                  ///< files of VGG16 and of the heads; needed while lambda_lpips counts
@@ -57,7 +59,8 @@ struct StructuredLatentAutoEncoderStageOptions {
 /// the mesh field; "geo_loss" with "tsdf_loss", "mask_loss", "depth_loss", "normal_loss", "normal_loss_ssim" and
 /// "normal_loss_perceptual", "color_loss", and ours, "lost_surface_loss", only while something trainable lies behind
 /// the geometry; "joints_loss", "parents_loss", "skin_feats_joints_var_loss", "skin_kl_loss",
-/// "skin_feats_l2_loss_vert", "skin_feats_l2_loss_joints" unless the shape alone is trained.
+/// "skin_feats_l2_loss_vert", "skin_feats_l2_loss_joints" unless the shape alone is trained. No "kl" with a frozen
+/// encoder.
 ///
 /// Evaluation on held-out assets, means over them, without noise: "surfaces", the share whose shape has a surface, and
 /// over those "chamfer" to the true one; "joints_loss", "parents_loss", "skin_kl_loss" as above; "joint_count_error",

@@ -174,6 +174,7 @@ StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions:
   f("lambda_ssim", geometry.perceptual.lambda_ssim, {0.0});
   f("lambda_lpips", geometry.perceptual.lambda_lpips, {0.0});
   f("lambda_lost_surface", options.lambda_lost_surface, {0.0});
+  f("frozen_encoder", options.frozen_encoder);
   structured_latent::RigLossOptions& rig = options.rig;
   f("lambda_joints", rig.lambda_joints, {0.0});
   f("lambda_parents", rig.lambda_parents, {0.0});

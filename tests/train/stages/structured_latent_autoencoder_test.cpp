@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <utility>
@@ -246,6 +247,29 @@ TEST_F(PostRun, AFrozenShapeWithoutWarmStartIsAnError) {
   const std::string refusal = message(frozen_shape());
   EXPECT_NE(refusal.find("AniGenElasticSLatEncoder"), std::string::npos) << refusal;
   EXPECT_NE(refusal.find("warm_start"), std::string::npos) << refusal;
+}
+
+TEST_F(PostRun, AFrozenEncoderStaysAndTheDecoderGoesOn) {
+  train(command("first"));
+  const CheckpointFolder first(folder_ / "first/ckpts");
+  EXPECT_NE(message({"trainer.args.frozen_encoder=true"}).find("frozen_encoder"), std::string::npos);
+
+  Json files;
+  for (const char* model : {"encoder", "decoder"})
+    files[model] = (folder_ / "first/ckpts" / (std::string(model) + "_step0000004.safetensors")).string();
+  train(command("second", {"trainer.args.frozen_encoder=true", "trainer.args.finetune_ckpt=" + files.dump()}));
+  const CheckpointFolder second(folder_ / "second/ckpts");
+  const auto changed = [&](const char* model) {
+    const io::NamedArrays before = first.weights(model, 4), after = second.weights(model, 4);
+    return std::count_if(before.begin(), before.end(),
+                         [&](const auto& entry) { return io::find(after, entry.first)->bytes != entry.second.bytes; });
+  };
+  EXPECT_EQ(changed("encoder"), 0);
+  EXPECT_GT(changed("decoder"), 10);
+  EXPECT_TRUE(has_column("first", "loss.kl"));
+  EXPECT_FALSE(has_column("second", "loss.kl"));
+  EXPECT_TRUE(has_column("second", "loss.geo_loss"));
+  EXPECT_TRUE(has_column("second", "loss.joints_loss"));
 }
 
 TEST_F(PostRun, TheSkinAutoEncoderOfARunStaysAsItWas) {
