@@ -38,6 +38,11 @@ int main(int argc, char** argv) {
   add_option(ss, "--check", structure.check);
   CLI::App& slat = program.command("slat", "Structured latents by stage 3: latents/<name>, for stage 5");
   add_encoding_options(slat, structured);
+  CLI::Option* seen = add_option(slat, "--ss-flow", structured.ss_flow,
+                                 ": encode at the voxels that it sees in one view of each asset, for `seen_models` of "
+                                 "stage 5; with features surface and assets/");
+  add_option(slat, "--ss-dae", structured.ss_dae)->needs(seen);
+  add_option(slat, "--view", structured.view)->needs(seen)->check(whole_number(0));
   CLI::App& back = program.command("reconstruct", "Assets through the auto-encoder of stage 3, to rigged GLB files");
   add_option(back, "--run", rebuilt.run)->required();
   add_option(back, "--dataset", rebuilt.data)->required();

@@ -178,6 +178,7 @@ template <typename Options>
 Options without_noise(Options options) {
   if constexpr (std::is_same_v<Options, FeatureSkeletonOptions>) options.support_noise = {};
   if constexpr (std::is_same_v<Options, MattingOptions>) options.picture_share = 0.0;
+  if constexpr (std::is_same_v<Options, StructuredLatentOptions>) options.seen_models.clear();
   return options;
 }
 
@@ -441,6 +442,10 @@ StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool
   f("slat_dec_ckpt", options.slat_dec_ckpt);
   f("bucket_by_voxels", options.bucket_by_voxels);
   f("memory_budget_mb", options.memory_budget_mb, {0, 1 << 24});
+  options.seen_models = reader.texts("seen_models", {});
+  f("seen_share", options.seen_share, {0.0, 1.0});
+  if (!options.seen_models.empty() && !image_conditioned)
+    throw reader.error("seen_models", "are of views, which only AniGenImageConditionedSLat reads");
   return options;
 }
 
@@ -475,25 +480,44 @@ std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<
   return packs;
 }
 
-StructuredLatentDataset::VoxelPair StructuredLatentDataset::normalized(const fs::path& path) const {
-  VoxelPair pair{read_voxel_arrays(path, "coords", "feats"), read_voxel_arrays(path, "coords_skl", "feats_skl")};
+StructuredLatentDataset::VoxelPair StructuredLatentDataset::normalized(const fs::path& path, bool seen) const {
+  VoxelPair pair{read_voxel_arrays(path, "coords", "feats"), read_voxel_arrays(path, "coords_skl", "feats_skl"), {}};
+  if (seen) {
+    const std::int64_t view = whole_numbers(read_arrays(path, {{"view", {1}}}), "view", path.string()).front();
+    if (view < 0) throw InputError(path.string(), "view", "must not be negative");
+    pair.view = static_cast<std::size_t>(view);
+  }
   options_.normalization.normalize_rows(pair.surface.feats, pair.surface.channels, path.string() + ": feats");
   options_.normalization_skl.normalize_rows(pair.skeleton.feats, pair.skeleton.channels, path.string() + ": feats_skl");
   return pair;
 }
 
-std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t index, std::uint64_t position) const {
-  const AssetId& id = asset(index);
-  auto sample = std::make_unique<Latent>();
-  const fs::path path = made_path(id, "latents", options_.latent_model);
-  sample->voxels = latents_.get(
-      path.string(), [&] { return normalized(path); },
+std::shared_ptr<const StructuredLatentDataset::VoxelPair> StructuredLatentDataset::latents_of(
+    const AssetId& asset, std::uint64_t position) const {
+  fs::path path = made_path(asset, "latents", options_.latent_model);
+  bool seen = false;
+  if (!options_.seen_models.empty()) {
+    Rng rng(seed(), "seen latents", position);
+    const bool wanted = rng.chance(options_.seen_share);
+    const fs::path other = made_path(asset, "latents", options_.seen_models[rng.index(options_.seen_models.size())]);
+    std::error_code error;
+    seen = wanted && fs::is_regular_file(other, error);
+    if (seen) path = other;
+  }
+  return latents_.get(
+      path.string(), [&] { return normalized(path, seen); },
       [](const VoxelPair& pair) {
         const auto bytes = [](const VoxelRows& rows) {
           return rows.feats.size() * sizeof(rows.feats[0]) + rows.coords.size() * sizeof(rows.coords[0]);
         };
         return bytes(pair.surface) + bytes(pair.skeleton);
       });
+}
+
+std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t index, std::uint64_t position) const {
+  const AssetId& id = asset(index);
+  auto sample = std::make_unique<Latent>();
+  sample->voxels = latents_of(id, position);
   if (options_.load_rigs) {
     sample->rig = read_rig_arrays(id);
     sample->joints = static_cast<std::int64_t>(sample->rig.joints.size());
@@ -501,7 +525,7 @@ std::unique_ptr<AssetDataset::Sample> StructuredLatentDataset::read(std::size_t 
   } else if (options_.use_joint_num_cond) {
     sample->joints = static_cast<std::int64_t>(count_rows(rig_path(id), "joints"));
   }
-  sample->cond = options_.condition_picture(id, seed(), position, pictures_);
+  sample->cond = options_.condition_picture(id, seed(), position, pictures_, sample->voxels->view);
   return sample;
 }
 

@@ -185,6 +185,11 @@ struct StructuredLatentOptions : LatentDatasetOptions {
   std::int64_t voxel_limit = 0;          ///< leave out assets whose column num_voxels says more; 0: none
   bool bucket_by_voxels = false;         ///< batches of assets with similar numbers of voxels
   std::int64_t memory_budget_mb = 8192;  ///< nearest-surface solvers kept in memory
+  /// More folders below latents/: at the voxels that a first flow sees in one view (anigen-encode slat --ss-flow),
+  /// which then is the condition. `seen_share` of the samples come from one of these where the asset is in it; held-out
+  /// assets do not. At inference the second flow meets such voxels alone.
+  std::vector<std::string> seen_models;
+  double seen_share = 0.5;
 
   /// @throws InputError; also for a normalization file that cannot be read
   static StructuredLatentOptions read(ConfigReader& reader, bool image_conditioned);
@@ -212,8 +217,12 @@ class StructuredLatentDataset : public AssetDataset {
   struct Latent;
   struct VoxelPair {
     VoxelRows surface, skeleton;
+    std::optional<std::size_t> view;  ///< that the voxels were seen in
   };
-  VoxelPair normalized(const std::filesystem::path& path) const;
+  /// @param seen of a folder of seen_models
+  VoxelPair normalized(const std::filesystem::path& path, bool seen) const;
+  /// Latents of a draw, from one of seen_models or from latent_model.
+  std::shared_ptr<const VoxelPair> latents_of(const AssetId& asset, std::uint64_t position) const;
   std::unique_ptr<Sample> read(std::size_t asset, std::uint64_t position) const override;
   std::unique_ptr<Batch> collate(const Samples& samples, const std::vector<std::string>& ids) const override;
 

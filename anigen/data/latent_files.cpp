@@ -314,10 +314,12 @@ void LatentDatasetOptions::append_condition_files(const AssetId& asset, std::vec
 }
 
 std::vector<float> LatentDatasetOptions::condition_picture(const AssetId& asset, std::uint64_t seed,
-                                                           std::uint64_t position, PictureCache& cache) const {
+                                                           std::uint64_t position, PictureCache& cache,
+                                                           std::optional<std::size_t> view) const {
   if (!image_conditioned) return {};
-  Rng view(seed, "condition view", position);
-  return cache.read(condition_folder(asset), image_size, view, condition);
+  if (view) return cache.read(condition_folder(asset), image_size, *view, condition);
+  Rng drawn(seed, "condition view", position);
+  return cache.read(condition_folder(asset), image_size, drawn, condition);
 }
 
 torch::Tensor LatentDatasetOptions::condition_batch(const std::vector<const std::vector<float>*>& pictures,

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -112,9 +113,10 @@ struct LatentDatasetOptions {
 
   /// Adds the files that say whether an asset has condition pictures. @throws InputError when it should and has none
   void append_condition_files(const AssetId& asset, std::vector<std::filesystem::path>& files) const;
-  /// One random view, chosen by (seed, position): [3, S, S] in [0, 1], on black; empty when not image-conditioned.
+  /// One view, a random one chosen by (seed, position) unless it is given: [3, S, S] in [0, 1], on black; empty when
+  /// not image-conditioned.
   std::vector<float> condition_picture(const AssetId& asset, std::uint64_t seed, std::uint64_t position,
-                                       PictureCache& cache) const;
+                                       PictureCache& cache, std::optional<std::size_t> view = std::nullopt) const;
   /// @param pictures of a batch @return [B, 3, S, S] fp32; undefined when not image-conditioned
   torch::Tensor condition_batch(const std::vector<const std::vector<float>*>& pictures,
                                 const std::vector<std::string>& ids) const;

@@ -50,8 +50,12 @@ class PictureCache {
 
   /// As read_condition_image(): the same picture, bit for bit, from the same draw.
   std::vector<float> read(const std::filesystem::path& folder, int size, Rng& rng, ConditionPictures kind);
+  /// One view of the folder. @param view counts condition_views() @throws InputError also when there is no such view
+  std::vector<float> read(const std::filesystem::path& folder, int size, std::size_t view, ConditionPictures kind);
 
  private:
+  std::shared_ptr<const std::vector<std::string>> views(const std::filesystem::path& folder);
+
   ReadCache<std::vector<std::string>> frames_;  // names of the pictures of a folder
   ReadCache<io::Image> pictures_;
 };

@@ -6,8 +6,10 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/hash.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/data/picture_cache.h"
 #include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/generate/assemble.h"
@@ -122,8 +124,66 @@ class StructuredLatents : public LatentSource {
             skeleton.channels};
   }
 
+ protected:
+  StructuredLatentCoder& coder() { return coder_; }
+
  private:
   StructuredLatentCoder coder_;
+};
+
+/// Latents at the voxels that a first flow sees in one view of each asset, with surface features that are computed
+/// there.
+class SeenLatents : public StructuredLatents {
+ public:
+  explicit SeenLatents(const EncodeRequest& request)
+      : StructuredLatents(request), view_(request.view), flow_(flow_request(request)), pictures_(/*bytes=*/0) {}
+
+  std::string fingerprint() const override {
+    const nn::RunModel& flow = flow_.flow();
+    return sha256(StructuredLatents::fingerprint() + fingerprint_of_files({flow.checkpoint, flow.config}) + "/" +
+                  std::to_string(view_));
+  }
+  std::vector<fs::path> inputs(const data::AssetId& asset) const override {
+    std::vector<fs::path> files = StructuredLatents::inputs(asset);
+    const fs::path folder = data::condition_folder(asset);
+    files.push_back(folder / data::condition_views(folder).at(view_of(asset)));
+    files.push_back(data::surface_voxel_path(asset));
+    return files;
+  }
+
+  void encode(const data::AssetId& asset, const fs::path& file) override {
+    coder().require_features_anywhere(asset);
+    const std::size_t view = view_of(asset);
+    const std::int64_t size = flow_.reading().image_size;
+    const std::vector<float> picture =
+        pictures_.read(data::condition_folder(asset), static_cast<int>(size), view, flow_.reading().condition);
+    const torch::Tensor condition = flow_.condition(torch::tensor(picture).view({1, 3, size, size}));
+    // Noise by the asset's name: the same whatever else is encoded.
+    const std::uint64_t number = std::stoull(sha256(asset.id).substr(0, 15), nullptr, 16);
+    const flow::Streams sampled = flow_.sample(flow_.noise(/*seed=*/0, number), condition, flow_.sampler(), false);
+    const sparse_structure::VoxelPair voxels = flow_.decode(sampled).front();
+    if (!voxels.shape.any().item<bool>() || !voxels.skeleton.any().item<bool>())
+      throw InputError(asset.id, "", "the first flow sees no voxels in view " + std::to_string(view));
+    coder().write(coder().encode(coder().inputs_at(asset, voxels)), file, view);
+  }
+
+ private:
+  static StructureGenerator::Request flow_request(const EncodeRequest& request) {
+    StructureGenerator::Request flow;
+    flow.run = request.ss_flow;
+    flow.autoencoder = request.ss_dae;
+    flow.device = request.device;
+    return flow;
+  }
+  std::size_t view_of(const data::AssetId& asset) const {
+    const std::size_t views = data::condition_views(data::condition_folder(asset)).size();
+    if (views == 0) throw InputError(data::condition_folder(asset).string(), "", "there are no condition views");
+    return view_ % views;
+  }
+
+  std::size_t view_;
+  StructureGenerator flow_;
+  data::PictureCache pictures_;
 };
 
 std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
@@ -202,6 +262,10 @@ EncodeResult encode_sparse_structure(const EncodeRequest& request) {
 
 EncodedLatents encode_structured_latents(const EncodeRequest& request) {
   const LatentFolder folder(request.data, request.name, request.run, LatentKind::kStructured);
+  if (!request.ss_flow.empty()) {
+    SeenLatents source(request);
+    return encode_latents(request, folder, source);
+  }
   StructuredLatents source(request);
   return encode_latents(request, folder, source);
 }

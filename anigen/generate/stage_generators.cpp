@@ -133,14 +133,17 @@ void write_structure_latents(const fs::path& file, const Tensor& shape, const Te
 }
 
 void write_structured_latents(const fs::path& file, const structured_latent::PerStream<SparseTensor>& latents,
-                              const fs::path& maker) {
+                              const fs::path& maker, std::optional<std::size_t> view) {
   TORCH_CHECK(latents.geometry.support->items().items() == 1 && latents.skeleton.support->items().items() == 1,
               "structured latents of several assets in one file");
   const Tensor feats = torch::cat({finite(latents.geometry.feats, maker), finite(latents.skin.feats, maker)}, 1);
-  io::write_npz(file, {{"coords", nn::to_array(byte_coords(latents.geometry))},
-                       {"feats", nn::to_array(feats)},
-                       {"coords_skl", nn::to_array(byte_coords(latents.skeleton))},
-                       {"feats_skl", nn::to_array(finite(latents.skeleton.feats, maker))}});
+  io::NamedArrays arrays{{"coords", nn::to_array(byte_coords(latents.geometry))},
+                         {"feats", nn::to_array(feats)},
+                         {"coords_skl", nn::to_array(byte_coords(latents.skeleton))},
+                         {"feats_skl", nn::to_array(finite(latents.skeleton.feats, maker))}};
+  if (view)
+    arrays.emplace_back("view", nn::to_array(torch::full({1}, static_cast<std::int64_t>(*view), torch::kInt64)));
+  io::write_npz(file, arrays);
 }
 
 StructureCoder::StructureCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
@@ -389,9 +392,9 @@ RigDecoder::Decoded StructuredLatentCoder::decode(const structured_latent::PerSt
   return shape;
 }
 
-void StructuredLatentCoder::write(const structured_latent::PerStream<SparseTensor>& latents,
-                                  const fs::path& file) const {
-  write_structured_latents(file, latents, checkpoint());
+void StructuredLatentCoder::write(const structured_latent::PerStream<SparseTensor>& latents, const fs::path& file,
+                                  std::optional<std::size_t> view) const {
+  write_structured_latents(file, latents, checkpoint(), view);
 }
 
 StructuredLatentGenerator::StructuredLatentGenerator(const FlowRequest& request)

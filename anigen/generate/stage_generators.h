@@ -33,10 +33,10 @@ void write_structure_latents(const std::filesystem::path& file, const torch::Ten
                              const torch::Tensor& skeleton, const std::filesystem::path& maker);
 
 /// Writes a structured latent of one asset to latents/<model>/<id>.npz: coords u8 [N, 3] and feats f32 [N, C of
-/// geometry and skin], the same with _skl. Of a batch of one.
+/// geometry and skin], the same with _skl; ours, with a view, `view` i64 [1]. Of a batch of one.
 void write_structured_latents(const std::filesystem::path& file,
                               const structured_latent::PerStream<sparse::SparseTensor>& latents,
-                              const std::filesystem::path& maker);
+                              const std::filesystem::path& maker, std::optional<std::size_t> view = std::nullopt);
 
 /// Reconstruction error of decoded latents, the skeleton as dilated as it was encoded.
 struct StructureReconstruction {
@@ -236,10 +236,11 @@ class StructuredLatentCoder {
 
   /// Posterior means of the geometry, normalised latents of skin and skeleton: no noise.
   structured_latent::PerStream<sparse::SparseTensor> encode(const Inputs& inputs);
-  /// Writes coords, feats, coords_skl and feats_skl (docs/reference/training.md, 1.1).
+  /// Writes coords, feats, coords_skl and feats_skl (docs/reference/training.md, 1.1), ours also the `view` that the
+  /// voxels were seen in.
   /// @throws InputError when a latent is not finite; Error when the disk refuses
-  void write(const structured_latent::PerStream<sparse::SparseTensor>& latents,
-             const std::filesystem::path& file) const;
+  void write(const structured_latent::PerStream<sparse::SparseTensor>& latents, const std::filesystem::path& file,
+             std::optional<std::size_t> view = std::nullopt) const;
 
   /// True where the run trained the shape alone: what it decodes is held by one joint.
   bool shape_alone() const { return variant_.geometry_only; }

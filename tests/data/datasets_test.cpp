@@ -530,6 +530,42 @@ TEST_F(StructuredLatents, NormalsCanBeTheCondition) {
   EXPECT_LT(first({})->cond.select(1, 2).max().item<float>(), 0.5f);
 }
 
+TEST_F(StructuredLatents, SeenVoxelsComeWithTheirView) {
+  // Asset 0 alone has latents at the voxels that a flow saw in view 1, a red one; views 0 are blue.
+  std::filesystem::create_directories(folder_ / "data/latents/seen");
+  for (int i = 0; i < test::PublishedSample::kAssets; ++i) {
+    io::write_png(sample_.condition(i) / "000.png", test::PublishedSample::picture(0, 0, 255));
+    io::write_png(sample_.condition(i) / "001.png", test::PublishedSample::picture(255, 0, 0));
+  }
+  io::NamedArrays arrays = test::PublishedSample::latent_arrays(1);
+  const std::filesystem::path file = folder_ / "data/latents/seen/asset0.npz";
+  io::write_npz(file, arrays);
+  Json args = {{"seen_models", {"seen"}}, {"seen_share", 1.0}};
+  EXPECT_THROW(first(args), InputError) << "the view is missing";
+  arrays.emplace_back("view", io::NdArray::from(std::vector<std::int64_t>{1}, {1}));
+  io::write_npz(file, arrays);
+  const Datasets data = make(args);
+  for (std::uint64_t position = 0; position < 8; ++position) {
+    const auto seen = test::load<StructuredLatentBatch>(*data.train, {{0, position}});
+    EXPECT_EQ(seen->x_0.coords.size(0), 5) << "latents of the file";
+    EXPECT_GT(seen->cond.select(1, 0).max().item<float>(), 0.9f);
+    EXPECT_LT(seen->cond.select(1, 2).max().item<float>(), 0.1f);
+    const auto own = test::load<StructuredLatentBatch>(*data.train, {{2, position}});
+    EXPECT_EQ(own->x_0.coords.size(0), 6) << "not in that folder";
+  }
+  args["seen_share"] = 0.0;
+  EXPECT_EQ(first(args)->x_0.coords.size(0), 4);
+  arrays.back().second = io::NdArray::from(std::vector<std::int64_t>{7}, {1});
+  io::write_npz(file, arrays);
+  args["seen_share"] = 1.0;
+  try {
+    first(args);
+    ADD_FAILURE() << "there is no view 7";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("view 7"), std::string::npos) << error.what();
+  }
+}
+
 TEST_F(StructuredLatents, MicroBatchesHoldEquallyManyVoxels) {
   const Datasets data = make({});
   // Assets of 4, 5 and 6 voxels: the heaviest alone is lighter than the other two together.

@@ -7,7 +7,9 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/table.h"
+#include "anigen/data/latent_files.h"
 #include "anigen/data/voxel_files.h"
+#include "anigen/generate/encode_report.h"
 #include "anigen/prepare/dataset.h"
 #include "anigen/structured_latent/encoder.h"
 #include "anigen/vision/voxel_features.h"
@@ -156,6 +158,36 @@ TEST_F(OracleTest, FeaturesAtOtherVoxelsAreThoseOfTheMesh) {
   const StructuredLatentCoder::Inputs everywhere = coder.inputs_at(asset(0), voxels);
   EXPECT_EQ(everywhere.x.support->size(), r * r * r);
   EXPECT_TRUE(torch::isfinite(everywhere.x.feats).all().item<bool>());
+}
+
+// Latents for stage 5 at the voxels that stage 4 sees, as inference meets them.
+TEST_F(OracleTest, LatentsAreEncodedAtSeenVoxels) {
+  const torch::NoGradGuard no_grad;
+  EncodeRequest encoded;
+  encoded.run = folder_ / "ckpts" / "anigen" / "slat_dae";
+  encoded.data = data_;
+  encoded.name = "seen";
+  encoded.ss_flow = request_.generation.models.structure_flow;
+  encoded.view = 5;  // of one: counted round
+  const EncodedLatents result = encode_structured_latents(encoded);
+  EXPECT_EQ(result.encoded, ids_.size()) << to_text(result, "latents");
+  const fs::path file = data_ / "latents" / "seen" / (ids_[0] + ".npz");
+  const io::NamedArrays arrays = data::read_arrays(file, {{"view", {1}}, {"coords", {-1, 3}}});
+  EXPECT_EQ(data::whole_numbers(arrays, "view", file.string()).front(), 0);
+
+  encoded.name = "own";
+  encoded.ss_flow.clear();
+  encode_structured_latents(encoded);
+  EXPECT_NE(read_file(data_ / "latents" / "own" / (ids_[0] + ".npz")), read_file(file));
+  encoded.name = "seen";
+  encoded.ss_flow = request_.generation.models.structure_flow;
+  EXPECT_EQ(encode_structured_latents(encoded).up_to_date, ids_.size());
+
+  fs::remove(data_ / "assets" / (ids_[1] + ".glb"));
+  encoded.again = true;
+  const EncodedLatents without = encode_structured_latents(encoded);
+  ASSERT_EQ(without.failed.size(), 1u);
+  EXPECT_NE(without.failed.begin()->second.find("--no-assets"), std::string::npos) << without.failed.begin()->second;
 }
 
 TEST_F(OracleTest, WhatHasNoFeaturesElsewhereIsNamed) {

@@ -76,6 +76,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--slat-flow", 0, "DIR", "Models", "Run folder of stage 5, the flow of structured latents, trained here or published", ""},
     {"--ss-dae", 0, "DIR", "Models", "Run folder of stage 2 [the one its flow names]", ""},
     {"--slat-dae", 0, "DIR", "Models", "Run folder of stage 3 [the one its flow names]", ""},
+    {"--view", 0, "K", "Input", "Condition view of every asset, counted round", ""},
     {"--skin-ae", 0, "PATH", "Models", "Run folder or checkpoint of a skin auto-encoder to reconstruct with", ""},
     {"--skins", 0, "DIR", "Models", "Folder of NPZ files with skin [V, J] for the ground truth's vertices, found by any name of the asset", ""},
     {"--ckpt", 0, "WORD", "Models", "Checkpoint of the run", ""},
