@@ -141,7 +141,8 @@ int main(int argc, char** argv) {
   Program program(
       "anigen-inspect",
       "Says what is in a file or folder: a rigged asset, a mesh without a rig, a skeleton, a motion (.glb .gltf .fbx\n"
-      ".dae .obj .ply .stl .bvh, text and NPZ rigs), a shard of rigs or one sample of it (FILE#ID), an image, arrays\n"
+      ".dae .obj .ply .stl .3mf .bvh, text and NPZ rigs), a shard of rigs or one sample of it (FILE#ID), an image, "
+      "arrays\n"
       "or a checkpoint, a config, a dataset, a run. Several files give a table.",
       "  anigen-inspect fox.glb -o fox.png\n"
       "  anigen-inspect models/*.glb --influence-loss --keep-going\n"

@@ -124,12 +124,13 @@ using io::lower_extension;
 
 /// Kinds that an extension tells alone.
 const std::map<std::string, FileKind> kByExtension = {
-    {".glb", FileKind::kScene},    {".vrm", FileKind::kScene},          {".gltf", FileKind::kScene},
-    {".fbx", FileKind::kScene},    {".dae", FileKind::kScene},          {".obj", FileKind::kMesh},
-    {".ply", FileKind::kMesh},     {".stl", FileKind::kMesh},           {".bvh", FileKind::kMotion},
-    {".png", FileKind::kPicture},  {".jpg", FileKind::kPicture},        {".jpeg", FileKind::kPicture},
-    {".webp", FileKind::kPicture}, {".bmp", FileKind::kPicture},        {".tif", FileKind::kPicture},
-    {".tiff", FileKind::kPicture}, {".safetensors", FileKind::kArrays}, {".json", FileKind::kConfig}};
+    {".glb", FileKind::kScene},    {".vrm", FileKind::kScene},    {".gltf", FileKind::kScene},
+    {".fbx", FileKind::kScene},    {".dae", FileKind::kScene},    {".obj", FileKind::kMesh},
+    {".ply", FileKind::kMesh},     {".stl", FileKind::kMesh},     {".3mf", FileKind::kMesh},
+    {".bvh", FileKind::kMotion},   {".png", FileKind::kPicture},  {".jpg", FileKind::kPicture},
+    {".jpeg", FileKind::kPicture}, {".webp", FileKind::kPicture}, {".bmp", FileKind::kPicture},
+    {".tif", FileKind::kPicture},  {".tiff", FileKind::kPicture}, {".safetensors", FileKind::kArrays},
+    {".json", FileKind::kConfig}};
 
 FileKind folder_kind(const fs::path& path) {
   std::error_code ignored;
@@ -352,7 +353,7 @@ Json describe_run(const fs::path& folder) {
 Json describe_folder(const fs::path& folder) {
   std::map<std::string, std::size_t> counts;
   for (const fs::path& file : io::files_below(
-           folder, {".glb", ".gltf", ".vrm",         ".fbx", ".dae", ".obj",  ".ply",  ".stl", ".bvh", ".npz",
+           folder, {".glb", ".gltf", ".vrm",         ".fbx", ".dae", ".obj",  ".ply",  ".stl", ".3mf", ".bvh", ".npz",
                     ".pt",  ".pth",  ".safetensors", ".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}))
     ++counts[io::lower_extension(file)];
   std::size_t rigs = 0;
@@ -408,7 +409,7 @@ FileKind file_kind(const fs::path& path) {
   }
   throw InputError(
       path.string(), "",
-      "is none of .glb .gltf .fbx .dae .obj .ply .stl .bvh .txt .npz .pt .pth .safetensors .json .png .jpg "
+      "is none of .glb .gltf .fbx .dae .obj .ply .stl .3mf .bvh .txt .npz .pt .pth .safetensors .json .png .jpg "
       ".jpeg .webp .bmp .tif .tiff");
 }
 

@@ -23,7 +23,7 @@ inline constexpr OptionRow kOptions[] = {
     // --- Input ---
     {"files", 0, "PATH", "Input", "Files or folders", ""},
     {"FILE", 0, "FILE", "Input", "JSON file of the experiment", ""},
-    {"MESH", 0, "PATH", "Input", "Mesh with or without a rig: .glb .gltf .fbx .dae .obj .ply .stl, a text or NPZ rig, or one sample of a shard (FILE#ID)", ""},
+    {"MESH", 0, "PATH", "Input", "Mesh with or without a rig: .glb .gltf .fbx .dae .obj .ply .stl .3mf, a text or NPZ rig, or one sample of a shard (FILE#ID)", ""},
     {"--input", 0, "PATH", "Input", "Sources: .glb .gltf .fbx .dae, obj with rig text, Articulation-XL or rig .npz, Anymate .pt, published datasets, or folders of these", ""},
     {"--procedural", 0, "N", "Input", "Number of procedural creatures", ""},
     {"--stream", 0, "N", "Input", "Make shards of so many new creatures for as long as trainings read them; --shards are there at a time", ""},

@@ -28,7 +28,7 @@ bool is_shard(const std::string& name) { return has_extension(name, {".npz", ".p
 
 std::string without_extension(const std::string& name) {
   const bool known = has_extension(
-      name, {".glb", ".gltf", ".vrm", ".fbx", ".dae", ".obj", ".ply", ".stl", ".txt", ".npz", ".pt", ".pth"});
+      name, {".glb", ".gltf", ".vrm", ".fbx", ".dae", ".obj", ".ply", ".stl", ".3mf", ".txt", ".npz", ".pt", ".pth"});
   return known ? name.substr(0, name.size() - lower_extension(name).size()) : name;
 }
 

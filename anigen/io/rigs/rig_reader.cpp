@@ -21,6 +21,7 @@
 #include "anigen/io/rigs/rig_arrays.h"
 #include "anigen/io/rigs/text_rig.h"
 #include "anigen/io/stl.h"
+#include "anigen/io/three_mf.h"
 
 namespace anigen::io {
 
@@ -40,7 +41,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const std::vector<std::string> kMeshExtensions = {".obj", ".ply", ".stl"};
+const std::vector<std::string> kMeshExtensions = {".obj", ".ply", ".stl", ".3mf"};
 const std::vector<std::string> kRiggedExtensions = {".glb", ".gltf", ".fbx", ".dae", ".npz", ".pt", ".pth"};
 
 RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes axes) {
@@ -56,7 +57,7 @@ RiggedShape read_mesh_shape(const fs::path& file, const std::string& id, Axes ax
     shape.notes = std::move(painted.notes);
     for (const std::string& note : shape.notes) log::warn("{}: {}", file.string(), note);
   } else {
-    shape.mesh = extension == ".ply" ? read_ply(file) : read_stl(file);
+    shape.mesh = extension == ".ply" ? read_ply(file) : extension == ".3mf" ? read_three_mf(file) : read_stl(file);
   }
   turn_to_z_up(shape, axes, obj ? Axes::kYUp : Axes::kZUp);
   return shape;
