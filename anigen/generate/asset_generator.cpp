@@ -118,6 +118,14 @@ void AssetGenerator::require_grid(std::int64_t found, const std::filesystem::pat
                        " on " + std::to_string(grid_) + "³");
 }
 
+skeleton_field::MeanShiftOptions grouping_of_flow(const skeleton_field::MeanShiftOptions& asked,
+                                                  const std::filesystem::path& flow,
+                                                  const std::filesystem::path& autoencoder) {
+  std::error_code error;
+  const bool fitted = std::filesystem::is_regular_file(structured_latent::grouping_file(flow), error);
+  return structured_latent::grouping_of_run(asked, fitted ? flow : autoencoder);
+}
+
 FlowRequest AssetGenerator::flow_request(const std::filesystem::path& run) const {
   return {run, "", request_.averages, request_.device, request_.precision};
 }
@@ -139,7 +147,8 @@ RigDecoder& AssetGenerator::decoder() {
   if (!decoder_) {
     decoder_ = std::make_unique<RigDecoder>(
         nn::find_run_model(latent_autoencoder_, structured_latent::kStructuredLatentDecoderClass, latent_decoder_ckpt_),
-        nn::parse_device(request_.device), request_.grouping);
+        nn::parse_device(request_.device),
+        grouping_of_flow(request_.grouping, request_.latent_flow, latent_autoencoder_));
   }
   return *decoder_;
 }

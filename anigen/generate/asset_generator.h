@@ -60,6 +60,13 @@ at::Generator noise_generator(std::uint64_t seed);
 /// (docs/reference/flows.md, 5.5). @throws InputError for another level
 std::int64_t joints_of_level(int level);
 
+/// As structured_latent::grouping_of_run(), with the values that were fitted for the second flow before those of its
+/// auto-encoder: latents that a flow makes vote less exactly than encoded ones.
+/// @param flow, autoencoder run folders of stages 5 and 3 @throws InputError for a damaged file
+skeleton_field::MeanShiftOptions grouping_of_flow(const skeleton_field::MeanShiftOptions& asked,
+                                                  const std::filesystem::path& flow,
+                                                  const std::filesystem::path& autoencoder);
+
 /// The whole way from pictures to a rigged asset: sparse structure, structured latents, decoding (paper 3.4;
 /// docs/reference/flows.md, 5.1). Preprocessing is in picture_input.h, what follows in finishing.h.
 ///
@@ -77,7 +84,7 @@ class AssetGenerator {
     std::string device = "cpu";
     torch::Dtype precision = torch::kFloat32;   ///< of the flows
     bool low_memory = false;                    ///< one model at a time: each is read again for every picture
-    skeleton_field::MeanShiftOptions grouping;  ///< of the votes, as structured_latent::grouping_of_run()
+    skeleton_field::MeanShiftOptions grouping;  ///< of the votes, as grouping_of_flow()
     StructureCondition structure_condition = StructureCondition::kAsTrained;
   };
   /// Reads the configs, and the weights too unless memory is low. @throws InputError when a run is unusable

@@ -289,7 +289,7 @@ std::map<int, PreprocessedImage> ConditionPictures::of(const NamedPicture& pictu
 Json generation_settings(const GenerateRequest& request, const std::vector<fs::path>& runs,
                          const NamedPicture& picture) {
   const FinishingOptions& finishing = request.finishing;
-  const auto grouping = structured_latent::grouping_of_run(request.models.grouping, runs[3]);
+  const auto grouping = grouping_of_flow(request.models.grouping, runs[1], runs[3]);
   Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
                    {"ss_flow", runs[0].string()},
                    {"slat_flow", runs[1].string()},

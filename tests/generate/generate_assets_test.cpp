@@ -454,5 +454,21 @@ TEST_F(GenerateAssets, OnePictureOneName) {
   EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);
 }
 
+TEST(GroupingOfFlow, ItsOwnFitGoesBeforeThatOfItsAutoEncoder) {
+  const test::TemporaryFolder folder;
+  const fs::path flow = folder / "flow", autoencoder = folder / "autoencoder";
+  for (const fs::path& run : {flow, autoencoder}) fs::create_directories(run);
+  write_file_atomically(autoencoder / "grouping.json", R"({"bandwidth": 0.01, "least_votes": 14})");
+  skeleton_field::MeanShiftOptions asked;
+  asked.bandwidth = 0.0F;
+  asked.min_cluster_size = 0;
+  EXPECT_EQ(grouping_of_flow(asked, flow, autoencoder).min_cluster_size, 14);
+  write_file_atomically(flow / "grouping.json", R"({"bandwidth": 0.04, "least_votes": 9})");
+  EXPECT_FLOAT_EQ(grouping_of_flow(asked, flow, autoencoder).bandwidth, 0.04F);
+  EXPECT_EQ(grouping_of_flow(asked, flow, autoencoder).min_cluster_size, 9);
+  asked.min_cluster_size = 3;
+  EXPECT_EQ(grouping_of_flow(asked, flow, autoencoder).min_cluster_size, 3) << "what is asked for wins";
+}
+
 }  // namespace
 }  // namespace anigen::generate
