@@ -64,6 +64,9 @@ endfunction()
 
 # A program without LibTorch. Only libraries that it uses are loaded with it; its own functions are visible to the
 # module that it may load later (apps/common/torch_half.h).
+# All programs: what scripts/build.sh --programs builds.
+add_custom_target(programs)
+
 function(anigen_app name)
   cmake_parse_arguments(ARG "" "" "DEPENDS;LINK" ${ARGN})
   string(REPLACE "-" "_" source ${name})
@@ -78,6 +81,7 @@ function(anigen_app name)
   target_link_options(${name} PRIVATE -Wl,--as-needed)
   anigen_compile_options(${name})
   target_precompile_headers(${name} REUSE_FROM anigen_core_pch)
+  add_dependencies(programs ${name})
 endfunction()
 
 function(anigen_test folder)

@@ -216,7 +216,7 @@ def folder_of(page, work, made, source):
     """A folder for the commands of a page: the fixtures and, but for own_data.md, data and trained runs."""
     folder = work / page.replace("/", "_")
     folder.mkdir()
-    for name in ("configs", "experiments", "scripts"):
+    for name in ("configs", "experiments", "scripts", "examples"):
         link(source / name, folder / name)
     link(work / "build", folder / "build")
     for entry in made.iterdir():
@@ -226,8 +226,6 @@ def folder_of(page, work, made, source):
         for entry in (work / "runs").iterdir():
             link(entry, folder / "runs" / entry.name)
         link(source / "weights/anigen-small/matting", folder / "runs/matting")
-        link(work / "runs/ss_flow", folder / "runs/quickstart/jobs/ss_flow-1")
-        link(work / "runs/slat_flow", folder / "runs/quickstart/jobs/slat_flow-1")
     return folder
 
 
