@@ -28,6 +28,16 @@ struct VotedAsset {
   std::vector<Vector3f> joints;  // true ones
 };
 
+// The joints that are not within kCoincide of an earlier one.
+std::vector<Vector3f> distinct(const std::vector<Vector3f>& joints) {
+  std::vector<Vector3f> kept;
+  for (const Vector3f& joint : joints) {
+    const auto near = [&](const Vector3f& other) { return static_cast<double>((joint - other).norm()) <= kCoincide; };
+    if (std::none_of(kept.begin(), kept.end(), near)) kept.push_back(joint);
+  }
+  return kept;
+}
+
 double mean_nearest(const std::vector<Vector3f>& from, const std::vector<Vector3f>& to) {
   double sum = 0.0;
   for (const Vector3f& a : from) {
@@ -71,6 +81,7 @@ GroupingRow scored(const std::vector<VotedAsset>& assets, float bandwidth, int l
     const std::vector<Vector3f> joints = skeleton_field::mean_shift_grouping(asset.votes, options).joints;
     const auto found = static_cast<double>(joints.size()), wanted = static_cast<double>(asset.joints.size());
     row.surplus += found - wanted;
+    row.off += std::abs(found - wanted);
     if (joints.empty()) {
       row.j2j += 1.0;
       continue;
@@ -78,7 +89,7 @@ GroupingRow scored(const std::vector<VotedAsset>& assets, float bandwidth, int l
     row.f1 += 2.0 * static_cast<double>(matched_within(joints, asset.joints, kMatchDistance)) / (found + wanted);
     row.j2j += 0.5 * (mean_nearest(joints, asset.joints) + mean_nearest(asset.joints, joints));
   }
-  for (double* value : {&row.f1, &row.j2j, &row.surplus}) *value /= static_cast<double>(assets.size());
+  for (double* value : {&row.f1, &row.j2j, &row.surplus, &row.off}) *value /= static_cast<double>(assets.size());
   return row;
 }
 
@@ -103,7 +114,7 @@ std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
                                               inputs.rigs.parents.front().to(torch::kInt64)};
     // With the true skeleton, so that nothing is grouped and no weights of many false joints are decoded.
     const RigDecoder::Decoded decoded = coder.decode(coder.encode(inputs), own, /*use_own=*/true, id);
-    assets.push_back({skeleton_field::votes_of(decoded.votes), nn::points_of(own.joints, "joints")});
+    assets.push_back({skeleton_field::votes_of(decoded.votes), distinct(nn::points_of(own.joints, "joints"))});
     progress.advance();
   }
   progress.finish();
@@ -125,13 +136,20 @@ GroupingFit fit_grouping(const GroupingRequest& request) {
   std::stable_sort(fit.rows.begin(), fit.rows.end(), [](const GroupingRow& a, const GroupingRow& b) {
     return a.f1 != b.f1 ? a.f1 > b.f1 : a.j2j < b.j2j;
   });
+  const double least_f1 = fit.rows.front().f1 - kNearlyBest;
+  auto chosen = fit.rows.begin();
+  for (auto row = fit.rows.begin(); row != fit.rows.end() && row->f1 >= least_f1; ++row)
+    if (row->off < chosen->off) chosen = row;
+  std::rotate(fit.rows.begin(), chosen, chosen + 1);
   const GroupingRow& best = fit.rows.front();
   const std::filesystem::path file = structured_latent::grouping_file(request.run);
-  write_file_atomically(
-      file,
-      Json{{"bandwidth", best.bandwidth}, {"least_votes", best.least_votes}, {"assets", fit.assets}, {"f1", best.f1}}
-              .dump(2) +
-          "\n");
+  write_file_atomically(file, Json{{"bandwidth", best.bandwidth},
+                                   {"least_votes", best.least_votes},
+                                   {"assets", fit.assets},
+                                   {"f1", best.f1},
+                                   {"off", best.off}}
+                                      .dump(2) +
+                                  "\n");
   log::info("wrote {}", file.string());
   return fit;
 }
@@ -139,13 +157,13 @@ GroupingFit fit_grouping(const GroupingRequest& request) {
 Json to_json(const GroupingFit& fit) { return {{"assets", fit.assets}, {"rows", fit.rows}}; }
 
 std::string to_markdown(const GroupingFit& fit) {
-  std::string text = "| bandwidth | least votes | F1 | J2J | joints off |\n|--:|--:|--:|--:|--:|\n";
+  std::string text = "| bandwidth | least votes | F1 | J2J | joints off | surplus |\n|--:|--:|--:|--:|--:|--:|\n";
   constexpr std::size_t kShown = 10;
   for (std::size_t i = 0; i < std::min(kShown, fit.rows.size()); ++i) {
     const GroupingRow& row = fit.rows[i];
     char line[128];
-    std::snprintf(line, sizeof line, "| %.3f | %d | %.4f | %.4f | %+.1f |\n", row.bandwidth, row.least_votes, row.f1,
-                  row.j2j, row.surplus);
+    std::snprintf(line, sizeof line, "| %.3f | %d | %.4f | %.4f | %.2f | %+.1f |\n", row.bandwidth, row.least_votes,
+                  row.f1, row.j2j, row.off, row.surplus);
     text += line;
   }
   return text;

@@ -18,22 +18,28 @@ struct GroupingRequest {
   std::string device = "cpu";
 };
 
-/// Skeletons that one choice of bandwidth and least votes gives, against those of the assets; means over assets.
+/// Skeletons that one choice of bandwidth and least votes gives, against those of the assets, of whose joints within
+/// kCoincide of each other one counts: no vote tells them apart. Means over assets.
 struct GroupingRow {
   double bandwidth = 0.0;
   int least_votes = 0;
   double f1 = 0.0;       ///< of joints matched one to one within kMatchDistance: 2 matched / (joints + true joints)
   double j2j = 0.0;      ///< mean distance of joints to the nearest true joint, and back, halved; 1 without joints
   double surplus = 0.0;  ///< joints − true joints
+  double off = 0.0;      ///< |joints − true joints|
 };
-ANIGEN_JSON_RECORD(GroupingRow, bandwidth, least_votes, f1, j2j, surplus)
+ANIGEN_JSON_RECORD(GroupingRow, bandwidth, least_votes, f1, j2j, surplus, off)
 
 /// Distance in the object's frame (unit cube) within which a joint counts as found.
-inline constexpr double kMatchDistance = 0.02;
+inline constexpr double kMatchDistance = 0.02, kCoincide = 0.01;
+
+/// The choice: of the rows within this of the best f1 the one whose number of joints is off least, since skin weights
+/// can only be right for the right joints.
+inline constexpr double kNearlyBest = 0.01;
 
 struct GroupingFit {
   std::size_t assets = 0;
-  std::vector<GroupingRow> rows;  ///< by falling f1; the first is chosen
+  std::vector<GroupingRow> rows;  ///< the chosen one, then the others by falling f1
 };
 
 /// Decodes the votes of assets from their own latents, groups them with every choice of bandwidth and least votes, and

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 
@@ -9,6 +11,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/table.h"
 #include "anigen/data/datasets.h"
+#include "anigen/generate/grouping.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/gltf/gltf.h"
@@ -149,6 +152,32 @@ TEST_F(EncodeStructuredLatents, ReconstructsRiggedAssets) {
   EXPECT_THROW(reconstruct_assets(request), InputError);
   request.ids.clear();
   EXPECT_THROW(reconstruct_assets(request), InputError);
+}
+
+TEST_F(EncodeStructuredLatents, TheGroupingThatIsChosenIsNearTheBestAndHasTheRightNumberOfJoints) {
+  GroupingRequest request;
+  request.run = request_.run;
+  request.data = request_.data;
+  write_file_atomically(folder_ / "all.txt", "post0\npost1\npost2\n");
+  request.splits = {folder_ / "all.txt"};
+  const GroupingFit fit = fit_grouping(request);
+  EXPECT_EQ(fit.assets, 3u);
+  ASSERT_GT(fit.rows.size(), 10u);
+  double best = 0.0;
+  for (const GroupingRow& row : fit.rows) best = std::max(best, row.f1);
+  const GroupingRow& chosen = fit.rows.front();
+  EXPECT_GE(chosen.f1, best - kNearlyBest);
+  for (const GroupingRow& row : fit.rows) {
+    if (row.f1 >= best - kNearlyBest) {
+      EXPECT_LE(chosen.off, row.off) << row.bandwidth << " " << row.least_votes;
+    }
+    EXPECT_GE(row.off, std::abs(row.surplus));
+  }
+  for (std::size_t i = 2; i < fit.rows.size(); ++i) EXPECT_GE(fit.rows[i - 1].f1, fit.rows[i].f1) << i;
+  const Json written = read_json(folder_ / "slat_run" / "grouping.json");
+  EXPECT_EQ(written.at("least_votes"), chosen.least_votes);
+  EXPECT_EQ(written.at("bandwidth"), chosen.bandwidth);
+  EXPECT_NE(to_markdown(fit).find("joints off"), std::string::npos);
 }
 
 // The folder of a dataset's own assets is no place for what an auto-encoder makes of them.
