@@ -54,9 +54,11 @@ int main(int argc, char** argv) {
   add_clustering_options(back, rebuilt.grouping);
   add_option(back, "--votes", rebuilt.votes);
   generate::GroupingRequest& grouped = arguments.grouped;
-  CLI::App& grouping =
-      program.command("grouping", "Fits bandwidth and least votes of joints to a run of stage 3: its grouping.json");
-  add_option(grouping, "--run", grouped.run)->required();
+  CLI::App& grouping = program.command(
+      "grouping", "Fits bandwidth and least votes of joints to a run of stage 3, or to both flows: grouping.json");
+  CLI::Option* decoder = add_option(grouping, "--run", grouped.run, ": of stage 3");
+  CLI::Option* first_flow = add_option(grouping, "--ss-flow", grouped.ss_flow)->excludes(decoder);
+  add_option(grouping, "--slat-flow", grouped.slat_flow, ": fit to what both flows make of images")->needs(first_flow);
   add_option(grouping, "--dataset", grouped.data)->required();
   add_option(grouping, "--split", grouped.splits)->required();
   add_option(grouping, "--limit", grouped.most)->check(whole_number(0));
@@ -64,7 +66,11 @@ int main(int argc, char** argv) {
   program.add_common({"--keep-going", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
     structure.device = structured.device = rebuilt.device = grouped.device = program.common.device;
-    if (grouping.parsed()) arguments.task = EncodeArguments::Task::kGrouping;
+    if (grouping.parsed()) {
+      arguments.task = EncodeArguments::Task::kGrouping;
+      if (grouped.run.empty() && grouped.slat_flow.empty())
+        throw InputError("", "--run", "which run of stage 3, or which two flows (--ss-flow, --slat-flow)?");
+    }
     if (ss.parsed()) arguments.encoded = structure;
     if (slat.parsed()) {
       arguments.task = EncodeArguments::Task::kStructuredLatents;

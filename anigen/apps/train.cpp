@@ -30,7 +30,8 @@ int main(int argc, char** argv) {
   add_option(app, "--extend-to", arguments.extend_to)->check(whole_number(1, std::uint64_t{1} << 40));
   add_option(app, "--profile", arguments.profile_steps)->check(whole_number(0, 1'000'000));
   add_option(app, "--tune", arguments.tune);
-  add_option(app, "--export", arguments.export_to);
+  CLI::Option* export_to = add_option(app, "--export", arguments.export_to);
+  add_option(app, "--export-precision", arguments.export_precision)->needs(export_to);
   add_option(app, "--schema", arguments.schema);
   add_option(app, "--print-config", arguments.print_config);
   CLI::Option* ranks = add_option(app, "--ranks", arguments.ranks)->check(whole_number(1, 1024));

@@ -1,9 +1,11 @@
 #include "anigen/generate/finishing.h"
 
 #include <algorithm>
+#include <system_error>
 #include <utility>
 
 #include "anigen/asset/mesh.h"
+#include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/geometry/correspondence.h"
@@ -13,6 +15,7 @@
 #include "anigen/render/surface_color.h"
 #include "anigen/render/visibility.h"
 #include "anigen/skeleton_field/skeleton_repair.h"
+#include "anigen/structured_latent/decoder.h"
 
 namespace anigen::generate {
 
@@ -76,11 +79,22 @@ void FinishingOptions::validate() const {
   if (!(reduction >= 0.0 && reduction < 1.0)) throw InputError("", "reduction", "must lie in [0, 1)");
   if (views < 1 || views > 100'000) throw InputError("", "views", "must lie in 1 … 100000");
   if (view_size < 16 || view_size > 8192) throw InputError("", "view size", "must lie in 16 … 8192 pixels");
-  if (smoothing_iterations < 0) throw InputError("", "smoothing iterations", "must not be negative");
+  if (smoothing_iterations.value_or(0) < 0) throw InputError("", "smoothing iterations", "must not be negative");
   if (!(smoothing_alpha >= 0.0 && smoothing_alpha <= 1.0))
     throw InputError("", "smoothing alpha", "must lie in [0, 1]");
   if (texture_size != 0 && (texture_size < 64 || texture_size > 8192))
     throw InputError("", "texture size", "must be 0 (vertex colours) or 64 … 8192");
+}
+
+FinishingOptions finishing_of_flow(FinishingOptions asked, const std::filesystem::path& flow) {
+  const std::filesystem::path file = structured_latent::grouping_file(flow);
+  std::error_code error;
+  if (asked.smoothing_iterations || !std::filesystem::is_regular_file(file, error)) return asked;
+  const Json fitted = read_json(file);
+  ConfigReader reader(fitted, file.string());
+  if (fitted.contains("smoothing"))
+    asked.smoothing_iterations = static_cast<int>(reader.integer("smoothing", kPublishedSmoothing, 0, 1'000'000));
+  return asked;
 }
 
 FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options) {
@@ -98,9 +112,10 @@ FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options) 
     asset.skin = filter_skin(asset.skin, skeleton_field::hop_distances(asset.skeleton.parents), hops);
     finished.notices.push_back("skin weights of joints more than " + count_of(hops, "hops away dropped"));
   }
-  if (options.smoothing_iterations > 0) {
+  const int rounds = options.smoothing_iterations.value_or(kPublishedSmoothing);
+  if (rounds > 0) {
     SkinSmoothing smoothing;
-    smoothing.iterations = options.smoothing_iterations;
+    smoothing.iterations = rounds;
     smoothing.alpha = options.smoothing_alpha;
     asset.skin = smooth_skin(asset.skin, MeshEdges(asset.mesh.faces, asset.mesh.vertices.size()), joints, smoothing);
     finished.notices.push_back("skin weights smoothed " + count_of(smoothing.iterations, "times"));

@@ -1,5 +1,7 @@
 #pragma once
 #include <cstddef>
+#include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,16 +16,24 @@ namespace anigen::generate {
 struct FinishingOptions {
   double reduction = geometry::kPublishedReduction;  ///< share of faces taken away, 0: none
   bool remove_hidden = true;                         ///< faces inside the mesh, and then close small holes
-  std::size_t views = 200;         ///< from which faces may be seen; published: 1000, too slow without a GPU
-  int view_size = 512;             ///< pixels; published: 1024
-  bool filter_skin = true;         ///< no weights of joints far away along the skeleton
-  int smoothing_iterations = 100;  ///< of skin weights along the mesh; 0: none
+  std::size_t views = 200;                  ///< from which faces may be seen; published: 1000, too slow without a GPU
+  int view_size = 512;                      ///< pixels; published: 1024
+  bool filter_skin = true;                  ///< no weights of joints far away along the skeleton
+  std::optional<int> smoothing_iterations;  ///< rounds over skin weights along the mesh, 0: none; unset: as
+                                            ///< finishing_of_flow() finds, else 100 as published
   double smoothing_alpha = 1.0;
   int texture_size = 1024;  ///< texels; 0: vertex colours
 
   /// @throws InputError naming what is out of range
   void validate() const;
 };
+
+inline constexpr int kPublishedSmoothing = 100;
+
+/// Options with the rounds of smoothing that grouping.json of a flow's run asks for (key `smoothing`), where they are
+/// unset and it says so. The published rounds suit meshes of a 256³ grid; on coarse ones they blur weights over limbs.
+/// @param flow run folder of stage 5 @throws InputError for a damaged file
+FinishingOptions finishing_of_flow(FinishingOptions asked, const std::filesystem::path& flow);
 
 struct FinishedAsset {
   Asset asset;

@@ -195,7 +195,8 @@ class Generation {
       notices.push_back("colours from the picture for " + std::to_string(painted.seen) + " vertices, mirrored for " +
                         std::to_string(painted.mirrored) + ", decoded for " + std::to_string(painted.decoded));
     }
-    FinishedAsset finished = finish_asset(made.decoded.asset, request_.finishing);
+    FinishedAsset finished =
+        finish_asset(made.decoded.asset, finishing_of_flow(request_.finishing, request_.models.latent_flow));
 
     io::ExportOptions axes;
     if (request_.published_axes) {
@@ -288,7 +289,7 @@ std::map<int, PreprocessedImage> ConditionPictures::of(const NamedPicture& pictu
 
 Json generation_settings(const GenerateRequest& request, const std::vector<fs::path>& runs,
                          const NamedPicture& picture) {
-  const FinishingOptions& finishing = request.finishing;
+  const FinishingOptions finishing = finishing_of_flow(request.finishing, runs[1]);
   const auto grouping = grouping_of_flow(request.models.grouping, runs[1], runs[3]);
   Json settings = {{"picture", fs::absolute(picture.file).lexically_normal().string()},
                    {"ss_flow", runs[0].string()},
@@ -318,7 +319,7 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                      {"views", finishing.views},
                      {"view_size", finishing.view_size},
                      {"filter_skin", finishing.filter_skin},
-                     {"smoothing_iterations", finishing.smoothing_iterations},
+                     {"smoothing_iterations", finishing.smoothing_iterations.value_or(kPublishedSmoothing)},
                      {"smoothing_alpha", finishing.smoothing_alpha},
                      {"texture_size", finishing.texture_size}}}};
   const MattingOptions& matting = request.pictures.matting;

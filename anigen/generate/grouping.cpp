@@ -3,13 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <set>
+#include <system_error>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/data/metadata.h"
+#include "anigen/generate/generate_assets.h"
 #include "anigen/generate/stage_generators.h"
 #include "anigen/nn/init.h"
 #include "anigen/structured_latent/decoder.h"
@@ -20,7 +23,7 @@ namespace {
 
 using Eigen::Vector3f;
 
-constexpr float kBandwidths[] = {0.004F, 0.006F, 0.008F, 0.01F, 0.014F, 0.02F, 0.028F, 0.04F};
+constexpr double kBandwidths[] = {0.004, 0.006, 0.008, 0.01, 0.014, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05};
 constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20};
 
 struct VotedAsset {
@@ -72,10 +75,10 @@ std::size_t matched_within(const std::vector<Vector3f>& a, const std::vector<Vec
   return matched;
 }
 
-GroupingRow scored(const std::vector<VotedAsset>& assets, float bandwidth, int least_votes) {
-  GroupingRow row{static_cast<double>(bandwidth), least_votes};
+GroupingRow scored(const std::vector<VotedAsset>& assets, double bandwidth, int least_votes, double limit) {
+  GroupingRow row{bandwidth, least_votes};
   skeleton_field::MeanShiftOptions options;
-  options.bandwidth = bandwidth;
+  options.bandwidth = static_cast<float>(bandwidth);
   options.min_cluster_size = least_votes;
   for (const VotedAsset& asset : assets) {
     const std::vector<Vector3f> joints = skeleton_field::mean_shift_grouping(asset.votes, options).joints;
@@ -86,17 +89,53 @@ GroupingRow scored(const std::vector<VotedAsset>& assets, float bandwidth, int l
       row.j2j += 1.0;
       continue;
     }
-    row.f1 += 2.0 * static_cast<double>(matched_within(joints, asset.joints, kMatchDistance)) / (found + wanted);
+    row.f1 += 2.0 * static_cast<double>(matched_within(joints, asset.joints, limit)) / (found + wanted);
     row.j2j += 0.5 * (mean_nearest(joints, asset.joints) + mean_nearest(asset.joints, joints));
   }
   for (double* value : {&row.f1, &row.j2j, &row.surplus, &row.off}) *value /= static_cast<double>(assets.size());
   return row;
 }
 
+// Votes of latents that flows make of images.
+std::vector<VotedAsset> generated_votes(const GroupingRequest& request) {
+  GenerateRequest generation;
+  generation.models.structure_flow = request.ss_flow;
+  generation.models.latent_flow = request.slat_flow;
+  generation.models.device = request.device;
+  AssetGenerator generator(generation.models);
+  ConditionPictures conditions(generation, generator);
+  const StructuredLatentCoder coder = generator.latent_coder();
+  const std::vector<NamedPicture> pictures = pictures_of_dataset(request.data, request.splits, request.most);
+  std::vector<VotedAsset> assets;
+  Progress progress("generating votes", pictures.size(), "assets");
+  for (const NamedPicture& picture : pictures) {
+    throw_if_interrupted();
+    data::AssetId asset;
+    asset.root = request.data;
+    asset.id = picture.name;
+    const torch::Tensor joints = coder.inputs(asset).rigs.joints.front();
+    const std::map<int, PreprocessedImage> seen = conditions.of(picture);
+    const PreprocessedImage& first = seen.at(generator.structure_size());
+    try {
+      const GeneratedAsset made =
+          generator.generate(generator.structure_sees_normals() ? first.normals_tensor : first.picture_tensor,
+                             seen.at(generator.latent_size()).picture_tensor, picture.name, {});
+      assets.push_back({skeleton_field::votes_of(made.decoded.votes), distinct(nn::points_of(joints, "joints"))});
+    } catch (const Error& error) {
+      log::warn("{}: {}", picture.name, error.what());
+    }
+    progress.advance();
+  }
+  progress.finish();
+  if (assets.empty()) throw Error(request.slat_flow.string() + ": the flows made nothing of any image");
+  return assets;
+}
+
 std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
   std::set<std::string> ids;
   for (const std::filesystem::path& split : request.splits) ids.merge(data::read_split(split, request.data.string()));
   if (ids.empty()) throw InputError("", "--split", "names no asset");
+  if (!request.slat_flow.empty()) return generated_votes(request);
   StructuredLatentCoder coder(request.run, request.ckpt, nn::parse_device(request.device),
                               skeleton_field::MeanShiftOptions{});
   if (coder.shape_alone()) throw InputError(request.run.string(), "", "this run trained the shape alone: no votes");
@@ -125,12 +164,14 @@ std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
 
 GroupingFit fit_grouping(const GroupingRequest& request) {
   const std::vector<VotedAsset> assets = voted_assets(request);
+  const bool generated = !request.slat_flow.empty();
+  const double limit = generated ? kGeneratedMatchDistance : kMatchDistance;
   GroupingFit fit;
   fit.assets = assets.size();
-  for (const float bandwidth : kBandwidths) {
+  for (const double bandwidth : kBandwidths) {
     for (const int votes : kLeastVotes) {
       throw_if_interrupted();
-      fit.rows.push_back(scored(assets, bandwidth, votes));
+      fit.rows.push_back(scored(assets, bandwidth, votes, limit));
     }
   }
   std::stable_sort(fit.rows.begin(), fit.rows.end(), [](const GroupingRow& a, const GroupingRow& b) {
@@ -142,14 +183,15 @@ GroupingFit fit_grouping(const GroupingRequest& request) {
     if (row->off < chosen->off) chosen = row;
   std::rotate(fit.rows.begin(), chosen, chosen + 1);
   const GroupingRow& best = fit.rows.front();
-  const std::filesystem::path file = structured_latent::grouping_file(request.run);
-  write_file_atomically(file, Json{{"bandwidth", best.bandwidth},
-                                   {"least_votes", best.least_votes},
-                                   {"assets", fit.assets},
-                                   {"f1", best.f1},
-                                   {"off", best.off}}
-                                      .dump(2) +
-                                  "\n");
+  const std::filesystem::path file = structured_latent::grouping_file(generated ? request.slat_flow : request.run);
+  std::error_code error;
+  Json written = std::filesystem::is_regular_file(file, error) ? read_json(file) : Json::object();
+  written.update(Json{{"bandwidth", best.bandwidth},
+                      {"least_votes", best.least_votes},
+                      {"assets", fit.assets},
+                      {"f1", best.f1},
+                      {"off", best.off}});
+  write_file_atomically(file, written.dump(2) + "\n");
   log::info("wrote {}", file.string());
   return fit;
 }

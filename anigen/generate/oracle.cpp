@@ -167,7 +167,8 @@ class OracleRun {
   void write(const char* row, const std::string& id, const GenerationOptions& options, const Seen& seen) {
     const GeneratedAsset made = generator_.generate(seen.first, seen.second, id, options);
     throw_if_interrupted();
-    io::write_gltf(oracle_mesh(request_.output, row, id), finish_asset(made.decoded.asset, request_.finishing).asset);
+    const FinishingOptions finishing = finishing_of_flow(request_.finishing, request_.models.latent_flow);
+    io::write_gltf(oracle_mesh(request_.output, row, id), finish_asset(made.decoded.asset, finishing).asset);
   }
 
   const GenerateRequest& request_;

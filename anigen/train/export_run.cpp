@@ -1,7 +1,6 @@
 #include "anigen/train/export_run.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <system_error>
 #include <utility>
@@ -10,6 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/io/arrays/row_quantization.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
 #include "anigen/nn/state_dict.h"
@@ -22,21 +22,6 @@ namespace fs = std::filesystem;
 
 // A model that trains beside those of the config.
 constexpr const char* kImageEncoder = "image_encoder";
-
-io::NdArray halved(const io::NdArray& array, const std::string& file, const std::string& name) {
-  if (array.dtype != io::Dtype::kF32 && array.dtype != io::Dtype::kF64) return array;
-  io::NdArray half;
-  half.dtype = io::Dtype::kF16;
-  half.shape = array.shape;
-  for (const float value : array.as<float>()) {
-    const std::uint16_t bits = io::float_to_half(value);
-    if (!std::isfinite(io::half_to_float(bits)))
-      throw InputError(file, name, "holds " + std::to_string(value) + ", which half precision does not");
-    half.bytes.push_back(static_cast<std::uint8_t>(bits & 0xFF));
-    half.bytes.push_back(static_cast<std::uint8_t>(bits >> 8));
-  }
-  return half;
-}
 
 // Folders of other runs by their last part; nothing that is only here.
 void make_portable(Json& config) {
@@ -65,7 +50,7 @@ void make_portable(Json& config) {
 
 }  // namespace
 
-ExportedRun export_run(const fs::path& run, const fs::path& folder) {
+ExportedRun export_run(const fs::path& run, const fs::path& folder, ExportPrecision precision) {
   const RunFolder from{run}, to{folder / (run / "x").parent_path().filename()};
   std::error_code error;
   if (fs::equivalent(from.root, to.root, error))
@@ -87,8 +72,9 @@ ExportedRun export_run(const fs::path& run, const fs::path& folder) {
     io::NamedArrays arrays = io::read_state_dict(file);
     for (auto& [name, array] : arrays) {
       exported.parameters += array.count();
-      array = halved(array, file.string(), name);
+      if (precision == ExportPrecision::kHalf) array = io::halved(array, file.string(), name);
     }
+    if (precision == ExportPrecision::kInt8) arrays = io::quantize_rows(arrays, file.string());
     const std::int64_t step = std::max<std::int64_t>(0, io::step_of(file.filename().string()));
     exported.step = std::max(exported.step, step);
     char name[32];

@@ -468,6 +468,12 @@ TEST(GroupingOfFlow, ItsOwnFitGoesBeforeThatOfItsAutoEncoder) {
   EXPECT_EQ(grouping_of_flow(asked, flow, autoencoder).min_cluster_size, 9);
   asked.min_cluster_size = 3;
   EXPECT_EQ(grouping_of_flow(asked, flow, autoencoder).min_cluster_size, 3) << "what is asked for wins";
+  EXPECT_FALSE(finishing_of_flow({}, flow).smoothing_iterations) << "nothing said: as published";
+  write_file_atomically(flow / "grouping.json", R"({"bandwidth": 0.04, "least_votes": 9, "smoothing": 2})");
+  EXPECT_EQ(finishing_of_flow({}, flow).smoothing_iterations, 2);
+  FinishingOptions finishing;
+  finishing.smoothing_iterations = 7;
+  EXPECT_EQ(finishing_of_flow(finishing, flow).smoothing_iterations, 7) << "what is asked for wins";
 }
 
 }  // namespace

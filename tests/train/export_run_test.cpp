@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
@@ -55,6 +57,21 @@ TEST_F(ExportRun, WritesAveragedWeightsInHalfPrecisionAndNoPaths) {
   EXPECT_EQ(config["dataset"]["args"],
             (Json{{"split", "splits/few.txt"}, {"eval_split", "splits/test.txt"}, {"ss_dec_path", "ss_dae"}}));
   EXPECT_EQ(config["trainer"]["args"]["image_encoder"]["estimator"], "picture_estimator");
+}
+
+TEST_F(ExportRun, EightBitsAreReadAsNumbersByWhoeverReadsWeights) {
+  std::vector<float> values;
+  for (int i = 0; i < 2048; ++i) values.push_back(std::cos(static_cast<float>(i)));
+  io::write_safetensors(run() / "ckpts/denoiser_ema0.9_step0000010.safetensors",
+                        {{"weight", io::NdArray::from(values, {32, 64})}});
+  const ExportedRun exported = export_run(run(), folder_ / "out", ExportPrecision::kInt8);
+  EXPECT_EQ(exported.parameters, 2048u + 5u);
+  const auto file = folder_ / "out/flow/ckpts/denoiser_step0000010.safetensors";
+  EXPECT_LT(std::filesystem::file_size(file), 2048u + 32u * 4u + 400u);
+  const auto arrays = io::read_state_dict(file);
+  ASSERT_EQ(arrays.size(), 1u);
+  EXPECT_EQ(arrays[0].second.dtype, io::Dtype::kF32);
+  EXPECT_NEAR(arrays[0].second.as<float>()[5], values[5], 0.5F / 127.0F);
 }
 
 TEST_F(ExportRun, RefusesItsOwnFolderAndNumbersThatHalfPrecisionLacks) {

@@ -220,6 +220,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--extend-to", 0, "STEP", "Training", "Make the run of the output folder longer: new number of steps in all. It goes on from before the learning rate fell; later steps move aside as by --restart", ""},
     {"--profile", 0, "N", "Training", "Measure where the time of so many steps goes, after two that warm up, into profile.md of the run, and stop", ""},
     {"--export", 0, "DIR", "Training", "Write the averaged weights of --output in half precision, with a config that knows no folders of this machine, to a folder of its name in DIR, and stop", ""},
+    {"--export-precision", 0, "half|int8", "Training", "Of the weights that --export writes: 16 bits, or 8 with a scale per row of a matrix", ""},
     {"--tune", 0, "", "Training", "Time replicas, micro-batches and precisions for 20 steps each, write the fastest to the output's config.json and stop", ""},
     {"--schema", 0, "", "Training", "Print the JSON schema of configs with the models, dataset and trainer of --config and stop", ""},
     {"--print-config", 0, "", "Training", "Print the config in full, with --set, --dataset and every default, and stop", ""},

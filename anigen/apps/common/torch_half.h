@@ -31,6 +31,7 @@ struct RigArguments;
 struct TrainArguments {
   std::vector<std::string> words;  ///< argv
   std::filesystem::path config, output, load, export_to;
+  std::string export_precision = "half";
   std::string dataset, ckpt = "latest", warm_start;
   std::vector<std::string> overrides;
   bool restart = false, schema = false, print_config = false, tune = false;

@@ -361,7 +361,9 @@ int run_train(const TrainArguments& arguments, const CommonOptions& common) {
     return 0;
   }
   if (!arguments.export_to.empty()) {
-    const train::ExportedRun exported = train::export_run(arguments.output, arguments.export_to);
+    const auto precision =
+        arguments.export_precision == "int8" ? train::ExportPrecision::kInt8 : train::ExportPrecision::kHalf;
+    const train::ExportedRun exported = train::export_run(arguments.output, arguments.export_to, precision);
     std::printf("%s of step %lld: %zu parameters, %.1f MB\n", joined(exported.models).c_str(),
                 static_cast<long long>(exported.step), exported.parameters, static_cast<double>(exported.bytes) / 1e6);
     return 0;

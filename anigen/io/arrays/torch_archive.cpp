@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/io/arrays/row_quantization.h"
 #include "anigen/io/arrays/safetensors.h"
 
 namespace anigen::io {
@@ -355,7 +356,7 @@ NamedArrays read_state_dict(const std::filesystem::path& path) {
   const std::string extension = path.extension().string();
   NamedArrays state;
   if (extension == ".safetensors") {
-    state = read_safetensors(path).tensors;
+    state = dequantize_rows(read_safetensors(path).tensors, path.string());
   } else if (extension == ".pt" || extension == ".pth") {
     state = read_torch_archive(path);
   } else {
@@ -371,7 +372,7 @@ NamedArrays read_state_dict(const std::filesystem::path& path) {
 NamedArrays read_state_below(const std::filesystem::path& path, const std::string& prefix) {
   NamedArrays state;
   if (path.extension() == ".safetensors") {
-    state = read_safetensors(path, prefix).tensors;
+    state = dequantize_rows(read_safetensors(path, prefix).tensors, path.string());
   } else {
     const TorchFile file(path);
     state = file.arrays(state_of(file), prefix);
