@@ -218,8 +218,7 @@ StructuredLatentDecoderImpl::Fields StructuredLatentDecoderImpl::forward(
   return forward({z.with(z.feats.slice(1, 0, channels)), z.with(z.feats.slice(1, channels)), z_skl}, given);
 }
 
-StructuredLatentDecoderImpl::Fields StructuredLatentDecoderImpl::forward(
-    const PerStream<SparseTensor>& z, const std::vector<skeleton_field::SkeletonTensors>& given) {
+PerStream<SparseTensor> StructuredLatentDecoderImpl::streams_of(const PerStream<SparseTensor>& z) {
   check_voxel_features(z.geometry, options_.latent_channels, options_.resolution, "z");
   check_voxel_features(z.skin, options_.latent_channels_vertskin, options_.resolution, "z of the skin");
   check_voxel_features(z.skeleton, options_.latent_channels_skl, options_.resolution, "z_skl");
@@ -229,13 +228,23 @@ StructuredLatentDecoderImpl::Fields StructuredLatentDecoderImpl::forward(
                      std::to_string(z.skeleton.support->items().items()) + " assets, but z has " +
                          std::to_string(assets) + "; geometry and skin share their voxels");
   }
-  check_given(given, assets);
-
   const auto entering = [&](const SparseTensor& x) {
     return options_.normalize_z ? x.with(nn::unit_length(x.feats)) : x;
   };
   PerStream<SparseTensor> h = torso_.forward({z.geometry, entering(z.skin), entering(z.skeleton)});
   if (!skin_unet_.is_empty()) h.skin = skin_unet_->forward(h.skin);
+  return h;
+}
+
+StructuredLatentDecoderImpl::RigFields StructuredLatentDecoderImpl::rig_fields(const PerStream<SparseTensor>& z) {
+  const PerStream<SparseTensor> h = streams_of(z);
+  return {skeleton_fields(skeleton_channels(h.skeleton), layout_), h.skin};
+}
+
+StructuredLatentDecoderImpl::Fields StructuredLatentDecoderImpl::forward(
+    const PerStream<SparseTensor>& z, const std::vector<skeleton_field::SkeletonTensors>& given) {
+  PerStream<SparseTensor> h = streams_of(z);
+  check_given(given, z.geometry.support->items().items());
   Fields decoded;
   decode_joints(h.skeleton, given, decoded);
   if (grouped_cross_.present()) h.skin = grouped_cross_.forward(h.skin, decoded.joints, decoded.joint_features);
@@ -244,13 +253,16 @@ StructuredLatentDecoderImpl::Fields StructuredLatentDecoderImpl::forward(
   return decoded;
 }
 
+SparseTensor StructuredLatentDecoderImpl::skeleton_channels(const SparseTensor& h) {
+  SparseTensor fine = upsample_skeleton_.present() ? upsample_skeleton_.forward(h, recompute_) : h;
+  fine.feats = fine.feats.to(nn::dtype_of(out_layer_skl_->weight));
+  return fine.with(torch::cat({out_layer_skl_->forward(fine.feats), out_layer_skl_skin_->forward(fine.feats)}, 1));
+}
+
 void StructuredLatentDecoderImpl::decode_joints(const SparseTensor& h,
                                                 const std::vector<skeleton_field::SkeletonTensors>& given,
                                                 Fields& decoded) {
-  SparseTensor fine = upsample_skeleton_.present() ? upsample_skeleton_.forward(h, recompute_) : h;
-  fine.feats = fine.feats.to(nn::dtype_of(out_layer_skl_->weight));
-  decoded.skeleton =
-      fine.with(torch::cat({out_layer_skl_->forward(fine.feats), out_layer_skl_skin_->forward(fine.feats)}, 1));
+  decoded.skeleton = skeleton_channels(h);
   decoded.skeletons = skeleton_fields(decoded.skeleton, layout_);
   for (std::size_t i = 0; i < decoded.skeletons.size(); ++i) {
     const skeleton_field::SkeletonField& field = decoded.skeletons[i];

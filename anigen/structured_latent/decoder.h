@@ -87,6 +87,14 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
   Fields forward(const PerStream<sparse::SparseTensor>& z,
                  const std::vector<skeleton_field::SkeletonTensors>& given = {});
 
+  /// Fields that rigs come from, before votes are grouped and a surface is made: a fraction of the work of forward().
+  struct RigFields {
+    std::vector<skeleton_field::SkeletonField> skeletons;  ///< per asset, activated
+    sparse::SparseTensor skin;  ///< skin stream on the surface voxels, before joints are looked up and up-sampling
+  };
+  /// @throws InputError as forward()
+  RigFields rig_fields(const PerStream<sparse::SparseTensor>& z);
+
   /// Another way to turn votes into a skeleton than grouping_strategy; an empty function: grouping_strategy again.
   void group_with(std::function<skeleton_field::SkeletonTensors(const skeleton_field::SkeletonField&)> grouping);
 
@@ -112,6 +120,10 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
   skin_field::SkinDecoder& skin_decoder() { return skin_decoder_; }
 
  private:
+  /// Streams behind the torso and the skin's U-Net. @throws InputError as forward()
+  PerStream<sparse::SparseTensor> streams_of(const PerStream<sparse::SparseTensor>& z);
+  /// Raw channels of the skeleton heads, Fields::skeleton.
+  sparse::SparseTensor skeleton_channels(const sparse::SparseTensor& h);
   /// Fills the skeleton part of `decoded` from the torso's skeleton stream.
   void decode_joints(const sparse::SparseTensor& h, const std::vector<skeleton_field::SkeletonTensors>& given,
                      Fields& decoded);

@@ -10,6 +10,9 @@ void StructuredLatentFlowStageOptions::fields(ConfigFields& f) {
   flow_fields(f, /*cfg_strength=*/3.0);
   f("use_joint_num_cond", use_joint_num_cond);
   f("p_uncond_joint_num", p_uncond_joint_num, {0.0, 1.0});
+  f("lambda_votes", lambda_votes, {0.0});
+  f("lambda_rig_features", lambda_rig_features, {0.0});
+  f("rig_time", rig_time, {0.0, 1.0});
   smoothing.fields(f);
 }
 

@@ -150,9 +150,14 @@ class StructuredLatentFlowStage final
     SparseTensor shape, skeleton;
     Tensor joints_num;  // [B]; undefined where the model is told nothing
   };
-  // Squared errors of a batch, [N, C] and [M, C'].
+  // Squared errors of a batch, [N, C] and [M, C'], and the latents that it was told apart from noise.
   struct Errors {
     Tensor shape, skeleton;
+    flow::Streams predicted;
+  };
+  // Scalars.
+  struct RigErrors {
+    Tensor votes, features;
   };
 
   Latents latents_of(const StructuredLatentBatch& batch) const {
@@ -169,15 +174,59 @@ class StructuredLatentFlowStage final
   Errors errors(const Latents& latents, const Tensor& t, const flow::Streams& noise, const Tensor& condition) {
     const double sigma = options_.sigma_min;
     const Tensor times = t.to(parts_.device);
+    const auto times_of = [&](const SparseTensor& x) { return times.index_select(0, item_of_rows(x)); };
     const auto noisy = [&](const SparseTensor& x_0, const Tensor& e) {
-      return x_0.with(flow::noisy(x_0.feats, e, times.index_select(0, item_of_rows(x_0)), sigma));
+      return x_0.with(flow::noisy(x_0.feats, e, times_of(x_0), sigma));
     };
     const Tensor e = placed(noise[0]), e_skl = placed(noise[1]);
+    const SparseTensor x_t = noisy(latents.shape, e), x_t_skl = noisy(latents.skeleton, e_skl);
     const structured_latent::StructuredVelocity v =
-        parts_.model->forward(noisy(latents.shape, e), noisy(latents.skeleton, e_skl), flow::model_time(times),
-                              condition, latents.joints_num);
+        parts_.model->forward(x_t, x_t_skl, flow::model_time(times), condition, latents.joints_num);
     return {(v.x.feats - flow::velocity_target(latents.shape.feats, e, sigma)).square(),
-            (v.x_skl.feats - flow::velocity_target(latents.skeleton.feats, e_skl, sigma)).square()};
+            (v.x_skl.feats - flow::velocity_target(latents.skeleton.feats, e_skl, sigma)).square(),
+            {flow::x0_from_velocity(x_t.feats, v.x.feats, times_of(x_t), sigma),
+             flow::x0_from_velocity(x_t_skl.feats, v.x_skl.feats, times_of(x_t_skl), sigma)}};
+  }
+
+  // Rows of both streams as the decoder takes them: not normalised.
+  structured_latent::PerStream<SparseTensor> decodable(const Latents& latents, const Tensor& x, const Tensor& x_skl) {
+    const data::StructuredLatentOptions& reading = parts_.data->options();
+    const Tensor z = data::denormalised(x.to(torch::kFloat32), reading.normalization);
+    return {latents.shape.with(geometry_channels(z)), latents.shape.with(skin_channels(z)),
+            latents.skeleton.with(data::denormalised(x_skl.to(torch::kFloat32), reading.normalization_skl))};
+  }
+
+  // Σ (f̂ − f)² / Σ (f − f̄)² of the rows of one asset.
+  static Tensor missed_variance(const Tensor& found, const Tensor& own) {
+    return (found - own).square().sum() / (own - own.mean(0, /*keepdim=*/true)).square().sum().clamp_min(1e-6);
+  }
+
+  // Decoded rig fields of predicted latents against those of the asset's own latents, which vote within 0.003 of its
+  // joints: ‖Ĵ − J‖₁ + ‖P̂ − P‖₁, means over voxels, and what is missed of the variance of skin features on both
+  // supports. Σ over late items / items of the micro-batch, so that the weights do not depend on how many are late.
+  RigErrors late_rig_errors(const Latents& latents, const Tensor& t, const flow::Streams& predicted) {
+    const std::int64_t items = t.size(0);
+    const Tensor late = (t >= options_.rig_time).to(torch::kCPU);
+    if (!late.any().item<bool>()) return {};
+    structured_latent::StructuredLatentDecoderImpl::RigFields own;
+    {
+      const torch::NoGradGuard no_grad;
+      own = parts_.decoder->rig_fields(decodable(latents, latents.shape.feats, latents.skeleton.feats));
+    }
+    const auto found = parts_.decoder->rig_fields(decodable(latents, predicted[0], predicted[1]));
+    const std::vector<Tensor> skin = found.skin.support->items().split(found.skin.feats),
+                              own_skin = own.skin.support->items().split(own.skin.feats);
+    const auto apart = [](const Tensor& a, const Tensor& b) { return (a - b).abs().sum(1).mean(); };
+    RigErrors errors{torch::zeros({}, parts_.device), torch::zeros({}, parts_.device)};
+    for (std::int64_t i = 0; i < items; ++i) {
+      if (!late[i].item<bool>()) continue;
+      const auto at = static_cast<std::size_t>(i);
+      const skeleton_field::SkeletonField &votes = found.skeletons[at], &own_votes = own.skeletons[at];
+      errors.votes = errors.votes + apart(votes.joints, own_votes.joints) + apart(votes.parents, own_votes.parents);
+      errors.features = errors.features + missed_variance(votes.skin_features, own_votes.skin_features) +
+                        missed_variance(skin[at], own_skin[at]);
+    }
+    return {errors.votes / static_cast<double>(items), errors.features / static_cast<double>(items)};
   }
 
   Tensor geometry_channels(const Tensor& shape) const {
@@ -212,6 +261,14 @@ class StructuredLatentFlowStage final
                    {"mse_skl", mse_skl},
                    {"mse_geo", geometry_channels(found.shape).detach().mean()},
                    {"mse_skin", skin_channels(found.shape).detach().mean()}}};
+    if (options_.lambda_votes > 0.0 || options_.lambda_rig_features > 0.0) {
+      const RigErrors rig = late_rig_errors(latents, t, found.predicted);
+      if (rig.votes.defined()) {
+        losses.total = losses.total + options_.lambda_votes * rig.votes + options_.lambda_rig_features * rig.features;
+        losses.terms.emplace_back("votes", rig.votes);
+        losses.terms.emplace_back("rig_features", rig.features);
+      }
+    }
     const auto per_item = [&](const Tensor& rows, const SparseTensor& voxels) {
       return flow::mean_per_item(rows.detach(), item_of_rows(voxels), items);
     };
@@ -248,16 +305,10 @@ class StructuredLatentFlowStage final
 
   void add_sample(const StructuredLatentBatch& given, const Tensor& condition, const data::AssetId& asset,
                   std::uint64_t index, std::vector<std::vector<render::Tile>>& rows) override {
-    const data::StructuredLatentOptions& reading = parts_.data->options();
     const std::string name = short_id(given.ids.front());
     const Latents latents = latents_of(given);
     const auto decoded = [&](const Tensor& x, const Tensor& x_skl) {
-      const Tensor z = data::denormalised(x.to(torch::kFloat32), reading.normalization);
-      return decoded_or_problem(
-          parts_.decoder,
-          {latents.shape.with(geometry_channels(z)), latents.shape.with(skin_channels(z)),
-           latents.skeleton.with(data::denormalised(x_skl.to(torch::kFloat32), reading.normalization_skl))},
-          name);
+      return decoded_or_problem(parts_.decoder, decodable(latents, x, x_skl), name);
     };
     const flow::Streams drawn = drawn_sample(latents, condition, index);
     std::vector<render::Tile>& tiles = rows.emplace_back();
@@ -305,6 +356,13 @@ std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& req
                           structured_latent::kStructuredLatentDecoderClass, "slat_dec_path", request.trainer)) {
     parts.decoder = structured_latent::load_rig_decoder(*decoder, request.device);
     check_decoder(model, parts.decoder->options(), *decoder);
+  }
+  if ((options.lambda_votes > 0.0 || options.lambda_rig_features > 0.0) && parts.decoder.is_empty()) {
+    throw InputError(
+        request.file,
+        "/trainer/args/" + std::string(options.lambda_votes > 0.0 ? "lambda_votes" : "lambda_rig_features"),
+        "needs the decoder of latents: name its run in dataset.args.slat_dec_path, and draw samples "
+        "(i_sample)");
   }
   return std::make_unique<StructuredLatentFlowStage>(options, std::move(parts), kPretrainedFlow);
 }

@@ -132,6 +132,25 @@ TEST_F(LatentFlow, TheLossIsTheSumOfItsMeansAndOfItsTimeBins) {
   EXPECT_NEAR(losses.terms[5].second.item<double>(), mse_skl, 1e-5 * mse_skl);
 }
 
+TEST_F(LatentFlow, RigFieldsOfDecodedLatentsCanBePartOfTheLoss) {
+  const std::vector<std::string> weights{"trainer.args.lambda_votes=0.5", "trainer.args.lambda_rig_features=0.25"};
+  EXPECT_THROW(stage({weights[0]}), InputError) << "no decoder";
+  EXPECT_THROW(stage({weights[1]}), InputError) << "no decoder";
+  const std::vector<std::string> decoder{decoder_run(), "trainer.args.i_sample=100"};
+  const auto losses_from = [&](const std::string& more) {
+    const auto flow = stage(with(with(weights, decoder), {more}));
+    return flow->losses(*flow->data().load({data::Draw{0, 0}, data::Draw{1, 1}}), {5, 3, 0});
+  };
+  const Losses losses = losses_from("trainer.args.rig_time=0");
+  const double latents = term(losses, "mse") + term(losses, "mse_skl");
+  EXPECT_GT(term(losses, "votes"), 0.0);
+  EXPECT_GT(term(losses, "rig_features"), 0.0);
+  const double whole = latents + 0.5 * term(losses, "votes") + 0.25 * term(losses, "rig_features");
+  EXPECT_NEAR(total_loss(losses), whole, 1e-5 * whole);
+  const Losses early = losses_from("trainer.args.rig_time=1");
+  EXPECT_NEAR(total_loss(early), term(early, "mse") + term(early, "mse_skl"), 1e-5 * latents) << "no item is so late";
+}
+
 TEST_F(LatentFlow, DroppedConditionsDoNotSeeThePicture) {
   const auto batch = batch_of(*stage());
   expect_dropped_conditions_not_to_see_the_picture(*batch, latents_in(*batch).cond);
