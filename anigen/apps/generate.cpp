@@ -74,7 +74,8 @@ void add_finishing_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--hidden-views", finishing.views)->check(whole_number(1, 100'000));
   add_option(app, "--no-filter-skin", arguments.keep_weights);
   add_option(app, "--no-smooth-skin", arguments.no_smoothing);
-  add_option(app, "--smooth-iterations", finishing.smoothing_iterations)->check(whole_number(0, 1'000'000));
+  add_option(app, "--smooth-iterations", finishing.smoothing_iterations, " [as fitted for the run, else 100]")
+      ->check(whole_number(0, 1'000'000));
   add_option(app, "--smooth-alpha", finishing.smoothing_alpha)->check(number(0, 1));
   add_option(app, "--texture-size", finishing.texture_size)->check(whole_number(0, 8192));
   add_option(app, "--colors", arguments.colors);

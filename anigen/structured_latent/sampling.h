@@ -15,8 +15,8 @@ inline constexpr const char* kPlainStructuredLatentFlowClass = "AniGenSLatFlowMo
 struct StructuredLatentFlowStageOptions : flow::FlowStageOptions, JsonOptions<StructuredLatentFlowStageOptions> {
   bool use_joint_num_cond = false;  ///< show the model how many joints an asset has
   double p_uncond_joint_num = 0.1;  ///< share of items for which it is told nothing, whatever its picture
-  // Ours: losses on the rig fields that predicted latents decode to. Most of a skeleton latent's variance says nothing
-  // of joints, and distances between latents count it all alike. They need slat_dec_path.
+  // Ours: losses on the rig fields that predicted latents decode to, since distances between latents count all of their
+  // variance alike, whatever a rig needs of it. They need slat_dec_path.
   double lambda_votes = 0.0;         ///< weight of the distance of decoded votes; 0: none
   double lambda_rig_features = 0.0;  ///< weight of the share of the variance of decoded skin features that is missed
   double rig_time = 0.9;             ///< items of this time and later take part
