@@ -71,7 +71,10 @@ Tensor mse_per_item(const Tensor& prediction, const Tensor& target) {
 
 Tensor mean_per_item(const Tensor& rows, const Tensor& item, std::int64_t items) {
   const Tensor sums = torch::zeros({items}, rows.options()).index_add(0, item, rows.mean(1));
-  return sums / torch::bincount(item, {}, items).clamp_min(1).to(rows.options());
+  // Not bincount, for whose largest value the host would wait.
+  const Tensor counts =
+      torch::zeros({items}, rows.options()).index_add(0, item, torch::ones_like(item, rows.options()));
+  return sums / counts.clamp_min(1.0);
 }
 
 void TimeSchedule::fields(ConfigFields& f) {
@@ -103,7 +106,7 @@ Tensor replace_condition(const Tensor& condition, const Tensor& dropped, const T
               " items with a mask of shape ", dropped.sizes());
   std::vector<std::int64_t> shape(static_cast<std::size_t>(condition.dim()), 1);
   shape[0] = dropped.size(0);
-  const Tensor mask = dropped.to(condition.device(), torch::kBool).view(shape);
+  const Tensor mask = nn::to_device(dropped, condition.device()).to(torch::kBool).view(shape);
   return torch::where(mask, negative.defined() ? negative : torch::zeros_like(condition), condition);
 }
 

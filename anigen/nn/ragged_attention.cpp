@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <map>
+#include <memory>
+#include <mutex>
 #include <utility>
 
 #include "anigen/nn/attention.h"
@@ -12,7 +15,12 @@
 
 namespace anigen::nn {
 
-Ragged::Ragged(std::vector<std::int64_t> lengths) : lengths_(std::move(lengths)) {
+struct Ragged::Kept {
+  std::mutex mutex;
+  Tensor item_of_rows;
+};
+
+Ragged::Ragged(std::vector<std::int64_t> lengths) : lengths_(std::move(lengths)), kept_(std::make_shared<Kept>()) {
   for (const std::int64_t length : lengths_) {
     TORCH_CHECK(length >= 0, "an item of a ragged batch cannot have ", length, " rows");
     offsets_.push_back(rows_);
@@ -24,6 +32,18 @@ Tensor Ragged::row_offsets() const {
   std::vector<std::int64_t> offsets = offsets_;
   offsets.push_back(rows_);
   return torch::tensor(offsets, torch::TensorOptions().dtype(torch::kInt64));
+}
+
+Tensor Ragged::item_of_rows(torch::Device device) const {
+  const std::lock_guard<std::mutex> lock(kept_->mutex);
+  if (kept_->item_of_rows.defined() && kept_->item_of_rows.device() == device) return kept_->item_of_rows;
+  const Tensor items = torch::empty({rows_}, torch::kInt64);
+  auto* item = items.data_ptr<std::int64_t>();
+  for (std::size_t i = 0; i < lengths_.size(); ++i) {
+    item = std::fill_n(item, lengths_[i], static_cast<std::int64_t>(i));
+  }
+  kept_->item_of_rows = to_device(items, device);
+  return kept_->item_of_rows;
 }
 
 std::vector<Tensor> Ragged::split(const Tensor& rows) const { return rows.split_with_sizes(lengths_, 0); }
@@ -48,67 +68,80 @@ void check_offsets(const char* name, const Tensor& offsets, std::int64_t rows) {
   }
 }
 
-constexpr std::int64_t kMostPaddedScores = 1LL << 24;  // of all heads and sequences that are padded together
+// Scores of all heads and sequences that are padded together. A fused kernel never holds them, and few large groups
+// cost the fewest calls of it.
+constexpr std::int64_t kMostPaddedScores = 1LL << 24, kMostFusedScores = 1LL << 36;
 
 struct RaggedSequence {
   std::int64_t first_query, queries, first_key, keys;
 };
 
-Tensor ragged_index(const std::vector<std::int64_t>& rows, const Tensor& like) {
-  return torch::tensor(rows, torch::TensorOptions().dtype(torch::kInt64)).to(like.device());
+Tensor ragged_index(const std::vector<std::int64_t>& rows, torch::Device device) {
+  return to_device(torch::tensor(rows, torch::TensorOptions().dtype(torch::kInt64)), device);
 }
 
-// Sequences padded to the longest of them. Padding repeats the last row of the sequence: finite wherever the sequence
-// is, and hidden by the mask.
+// Sequences of about the same length, padded to the longest of them. Padding repeats the last row of the sequence:
+// finite wherever the sequence is, and hidden by the mask.
 class PaddedSequences {
  public:
-  explicit PaddedSequences(std::vector<RaggedSequence> sequences) : sequences_(std::move(sequences)) {
+  PaddedSequences(std::vector<RaggedSequence> sequences, torch::Device device) : sequences_(std::move(sequences)) {
     for (const RaggedSequence& s : sequences_) {
       most_queries_ = std::max(most_queries_, s.queries);
       most_keys_ = std::max(most_keys_, s.keys);
     }
+    if (sequences_.size() == 1) return;
+    std::vector<std::int64_t> query_rows, key_rows, kept;
+    std::vector<float> mask;
     for (std::size_t i = 0; i < sequences_.size(); ++i) {
       const RaggedSequence& s = sequences_[i];
       for (std::int64_t r = 0; r < most_queries_; ++r) {
-        query_rows_.push_back(s.first_query + std::min(r, s.queries - 1));
-        if (r < s.queries) kept_.push_back(static_cast<std::int64_t>(i) * most_queries_ + r);
+        query_rows.push_back(s.first_query + std::min(r, s.queries - 1));
+        if (r < s.queries) kept.push_back(static_cast<std::int64_t>(i) * most_queries_ + r);
       }
       for (std::int64_t r = 0; r < most_keys_; ++r) {
-        key_rows_.push_back(s.first_key + std::min(r, s.keys - 1));
-        mask_.push_back(r < s.keys ? 0.0 : -std::numeric_limits<double>::infinity());
+        key_rows.push_back(s.first_key + std::min(r, s.keys - 1));
+        mask.push_back(r < s.keys ? 0.0F : -std::numeric_limits<float>::infinity());
       }
     }
+    query_rows_ = ragged_index(query_rows, device);
+    key_rows_ = ragged_index(key_rows, device);
+    kept_ = ragged_index(kept, device);
+    mask_ = to_device(torch::tensor(mask, torch::kFloat32), device).view({count(), 1, 1, most_keys_});
   }
+
+  const std::vector<RaggedSequence>& sequences() const { return sequences_; }
 
   // Rows of the results, sequence after sequence. [Σ queries, H, D]
   Tensor attend(const Tensor& q, const Tensor& k, const Tensor& v) const {
-    const auto count = static_cast<std::int64_t>(sequences_.size());
-    const Tensor key_rows = ragged_index(key_rows_, k);
+    if (sequences_.size() == 1) return attend_alone(q, k, v);
     const auto pad = [&](const Tensor& x, const Tensor& rows, std::int64_t length) {
-      return x.index_select(0, rows).view({count, length, x.size(1), x.size(2)}).transpose(1, 2);
+      return x.index_select(0, rows).view({count(), length, x.size(1), x.size(2)}).transpose(1, 2);
     };
-    const Tensor mask = torch::tensor(mask_, torch::kFloat64).view({count, 1, 1, most_keys_}).to(q.options());
-    const Tensor mixed = nn::attend(pad(q, ragged_index(query_rows_, q), most_queries_), pad(k, key_rows, most_keys_),
-                                    pad(v, key_rows, most_keys_), mask);
-    const Tensor rows = mixed.transpose(1, 2).reshape({count * most_queries_, q.size(1), q.size(2)});
-    return rows.index_select(0, ragged_index(kept_, q));
+    const Tensor queries = pad(q, query_rows_, most_queries_), keys = pad(k, key_rows_, most_keys_),
+                 values = pad(v, key_rows_, most_keys_), mask = mask_.to(dtype_of(q));
+    const Tensor mixed = kHasFusedAttention && q.is_cuda() ? fused_attention(queries, keys, values, mask)
+                                                           : nn::attend(queries, keys, values, mask);
+    const Tensor rows = mixed.transpose(1, 2).reshape({count() * most_queries_, q.size(1), q.size(2)});
+    return rows.index_select(0, kept_);
   }
 
  private:
+  std::int64_t count() const { return static_cast<std::int64_t>(sequences_.size()); }
+
+  Tensor attend_alone(const Tensor& q, const Tensor& k, const Tensor& v) const {
+    const RaggedSequence& s = sequences_.front();
+    const auto heads_of = [](const Tensor& x, std::int64_t first, std::int64_t rows) {
+      return x.narrow(0, first, rows).transpose(0, 1).unsqueeze(0);
+    };
+    const Tensor mixed = blocked_attention(heads_of(q, s.first_query, s.queries), heads_of(k, s.first_key, s.keys),
+                                           heads_of(v, s.first_key, s.keys));
+    return mixed.squeeze(0).transpose(0, 1);
+  }
+
   std::vector<RaggedSequence> sequences_;
   std::int64_t most_queries_ = 0, most_keys_ = 0;
-  std::vector<std::int64_t> query_rows_, key_rows_, kept_;
-  std::vector<double> mask_;
+  Tensor query_rows_, key_rows_, kept_, mask_;  // of two sequences or more
 };
-
-Tensor attend_alone(const RaggedSequence& s, const Tensor& q, const Tensor& k, const Tensor& v) {
-  const auto heads_of = [](const Tensor& x, std::int64_t first, std::int64_t rows) {
-    return x.narrow(0, first, rows).transpose(0, 1).unsqueeze(0);
-  };
-  const Tensor mixed = blocked_attention(heads_of(q, s.first_query, s.queries), heads_of(k, s.first_key, s.keys),
-                                         heads_of(v, s.first_key, s.keys));
-  return mixed.squeeze(0).transpose(0, 1);
-}
 
 // The smallest power of two that is at least n.
 std::int64_t length_class(std::int64_t n) {
@@ -117,18 +150,80 @@ std::int64_t length_class(std::int64_t n) {
   return power;
 }
 
-// Results of groups of rows, which are put in order in the end.
-struct RaggedPieces {
-  std::vector<Tensor> results;
-  std::vector<std::int64_t> rows;
+// Groups of sequences that are computed together, with the indices of their rows on a device.
+struct RaggedPlan {
+  std::vector<std::int64_t> q_offsets, k_offsets;
+  std::int64_t heads = 0, keyless_rows = 0;
+  torch::Device device = torch::kCPU;
+  std::vector<PaddedSequences> groups;
+  Tensor places;  // of all rows, in the rows of sequences without keys, then of the groups
 
-  void add(const Tensor& result, const std::vector<RaggedSequence>& sequences) {
-    results.push_back(result);
-    for (const RaggedSequence& s : sequences) {
-      for (std::int64_t r = 0; r < s.queries; ++r) rows.push_back(s.first_query + r);
+  RaggedPlan(const Tensor& q, const Tensor& q_starts, const Tensor& k_starts)
+      : q_offsets(values_of(q_starts)), k_offsets(values_of(k_starts)), heads(q.size(1)), device(q.device()) {
+    std::map<std::pair<std::int64_t, std::int64_t>, std::vector<RaggedSequence>> classes;
+    std::vector<RaggedSequence> keyless;
+    for (std::size_t i = 0; i + 1 < q_offsets.size(); ++i) {
+      const RaggedSequence s{q_offsets[i], q_offsets[i + 1] - q_offsets[i], k_offsets[i],
+                             k_offsets[i + 1] - k_offsets[i]};
+      if (s.queries == 0) continue;
+      if (s.keys == 0) {
+        keyless.push_back(s);
+        keyless_rows += s.queries;
+      } else {
+        classes[{length_class(s.queries), length_class(s.keys)}].push_back(s);
+      }
     }
+    std::vector<std::int64_t> in_order(static_cast<std::size_t>(q.size(0)));
+    std::int64_t next = 0;
+    const auto place = [&](const std::vector<RaggedSequence>& sequences) {
+      for (const RaggedSequence& s : sequences) {
+        for (std::int64_t r = 0; r < s.queries; ++r) in_order[static_cast<std::size_t>(s.first_query + r)] = next++;
+      }
+    };
+    place(keyless);
+    const std::int64_t most = kHasFusedAttention && q.is_cuda() ? kMostFusedScores : kMostPaddedScores;
+    for (const auto& [lengths, sequences] : classes) {
+      const std::int64_t scores = heads * lengths.first * lengths.second;
+      const auto together = static_cast<std::size_t>(std::max<std::int64_t>(1, most / scores));
+      for (std::size_t first = 0; first < sequences.size(); first += together) {
+        const auto begin = sequences.begin() + static_cast<std::ptrdiff_t>(first);
+        const auto count = static_cast<std::ptrdiff_t>(std::min(together, sequences.size() - first));
+        groups.emplace_back(std::vector<RaggedSequence>(begin, begin + count), device);
+        place(groups.back().sequences());
+      }
+    }
+    places = ragged_index(in_order, device);
+  }
+
+  bool fits(const Tensor& q, const Tensor& q_starts, const Tensor& k_starts) const {
+    const auto same = [](const std::vector<std::int64_t>& known, const Tensor& given) {
+      const std::int64_t* const first = given.data_ptr<std::int64_t>();
+      return static_cast<std::int64_t>(known.size()) == given.numel() && std::equal(known.begin(), known.end(), first);
+    };
+    return device == q.device() && heads == q.size(1) && same(q_offsets, q_starts) && same(k_offsets, k_starts);
+  }
+
+ private:
+  static std::vector<std::int64_t> values_of(const Tensor& offsets) {
+    const std::int64_t* const first = offsets.data_ptr<std::int64_t>();
+    return {first, first + offsets.numel()};
   }
 };
+
+// The plan of these sequences, from the last few of this thread where it is among them: all layers of a network
+// attend within the same few divisions of rows.
+std::shared_ptr<const RaggedPlan> ragged_plan(const Tensor& q, const Tensor& q_offsets, const Tensor& k_offsets) {
+  constexpr std::size_t kKeptPlans = 12;
+  thread_local std::deque<std::shared_ptr<const RaggedPlan>> recent;
+  const auto found =
+      std::find_if(recent.begin(), recent.end(), [&](const auto& plan) { return plan->fits(q, q_offsets, k_offsets); });
+  std::shared_ptr<const RaggedPlan> plan =
+      found != recent.end() ? *found : std::make_shared<const RaggedPlan>(q, q_offsets, k_offsets);
+  if (found != recent.end()) recent.erase(found);
+  recent.push_front(plan);
+  if (recent.size() > kKeptPlans) recent.pop_back();
+  return plan;
+}
 
 }  // namespace
 
@@ -206,37 +301,10 @@ Tensor ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const
 
 Tensor tensor_ragged_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& q_offsets,
                                const Tensor& k_offsets) {
-  const std::int64_t *q_at = q_offsets.data_ptr<std::int64_t>(), *k_at = k_offsets.data_ptr<std::int64_t>();
-  const std::int64_t heads = q.size(1);
-  std::map<std::pair<std::int64_t, std::int64_t>, std::vector<RaggedSequence>> classes;
-  std::vector<RaggedSequence> keyless;
-  for (std::int64_t i = 0; i + 1 < q_offsets.size(0); ++i) {
-    const RaggedSequence s{q_at[i], q_at[i + 1] - q_at[i], k_at[i], k_at[i + 1] - k_at[i]};
-    if (s.queries == 0) continue;
-    if (s.keys == 0) {
-      keyless.push_back(s);
-    } else {
-      classes[{length_class(s.queries), length_class(s.keys)}].push_back(s);
-    }
-  }
-  RaggedPieces pieces;
-  std::int64_t keyless_rows = 0;
-  for (const RaggedSequence& s : keyless) keyless_rows += s.queries;
-  pieces.add(torch::zeros({keyless_rows, heads, q.size(2)}, q.options()), keyless);
-  for (const auto& [lengths, sequences] : classes) {
-    const std::int64_t scores = heads * lengths.first * lengths.second;
-    const auto together = static_cast<std::size_t>(std::max<std::int64_t>(1, kMostPaddedScores / scores));
-    for (std::size_t first = 0; first < sequences.size(); first += together) {
-      const auto begin = sequences.begin() + static_cast<std::ptrdiff_t>(first);
-      const auto count = static_cast<std::ptrdiff_t>(std::min(together, sequences.size() - first));
-      const std::vector<RaggedSequence> group(begin, begin + count);
-      pieces.add(group.size() == 1 ? attend_alone(group[0], q, k, v) : PaddedSequences(group).attend(q, k, v), group);
-    }
-  }
-  std::vector<std::int64_t> places(pieces.rows.size());
-  for (std::size_t i = 0; i < places.size(); ++i)
-    places[static_cast<std::size_t>(pieces.rows[i])] = static_cast<std::int64_t>(i);
-  return torch::cat(pieces.results, 0).index_select(0, ragged_index(places, q));
+  const std::shared_ptr<const RaggedPlan> plan = ragged_plan(q, q_offsets, k_offsets);
+  std::vector<Tensor> results{torch::zeros({plan->keyless_rows, q.size(1), q.size(2)}, q.options())};
+  for (const PaddedSequences& group : plan->groups) results.push_back(group.attend(q, k, v));
+  return torch::cat(results, 0).index_select(0, plan->places);
 }
 
 }  // namespace anigen::nn

@@ -2,6 +2,7 @@
 #include <ATen/Parallel.h>
 #include <atomic>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "anigen/nn/torch.h"
@@ -24,12 +25,17 @@ class Ragged {
   /// First row of every item, and the number of rows, as ragged_attention() takes them: [items + 1] int64, CPU.
   Tensor row_offsets() const;
 
+  /// Item of every row, [rows] int64, kept on that device after the first call; copies share it. Thread-safe.
+  Tensor item_of_rows(torch::Device device) const;
+
   /// Views of the items, [N_i, C] each. The backward pass is one concatenation, unlike slicing row ranges.
   std::vector<Tensor> split(const Tensor& rows) const;
 
  private:
+  struct Kept;
   std::vector<std::int64_t> lengths_, offsets_;
   std::int64_t rows_ = 0;
+  std::shared_ptr<Kept> kept_;
 };
 
 /// Sizes of a ragged attention, and where its sequences lie. Keeps the offsets' storage by reference.

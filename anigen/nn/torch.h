@@ -33,19 +33,28 @@ inline torch::Dtype accumulation_dtype(torch::Dtype dtype) {
   return is_reduced_precision(dtype) ? torch::kFloat32 : dtype;
 }
 
-/// softmax(q kᵀ / √D) v by one kernel of the library, for [B, H, ·, D]; LibTorch 2 and newer.
+/// softmax(q kᵀ / √D + mask) v by one kernel of the library, for [B, H, ·, D]; LibTorch 2 and newer.
+/// @param mask broadcast over [B, H, N, M], dtype of q; undefined for none
 #if ANIGEN_TORCH_AT_LEAST(2, 0)
 inline constexpr bool kHasFusedAttention = true;
-inline Tensor fused_attention(const Tensor& q, const Tensor& k, const Tensor& v) {
-  return at::scaled_dot_product_attention(q, k, v);
+inline Tensor fused_attention(const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& mask = {}) {
+  if (!mask.defined()) return at::scaled_dot_product_attention(q, k, v);
+  return at::scaled_dot_product_attention(q, k, v, mask);
 }
 #else
 inline constexpr bool kHasFusedAttention = false;
-inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&) {
+inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&, const Tensor& = {}) {
   TORCH_CHECK(kHasFusedAttention, "this LibTorch has no fused attention");
   return q;
 }
 #endif
+
+/// A tensor of the host on a device. It goes through pinned memory, so that a GPU copies it in the order of its work
+/// and the caller goes on; from pageable memory the caller would wait for all work that the GPU has been given.
+inline Tensor to_device(const Tensor& host, torch::Device device) {
+  if (!device.is_cuda() || !host.is_cpu()) return host.to(device);
+  return host.pin_memory().to(device, host.scalar_type(), /*non_blocking=*/true);
+}
 
 /// Tensors that a forward pass saved for a backward pass without a derivative of its own. @throws c10::Error under
 /// create_graph, where `what` would miss terms of a second derivative

@@ -46,7 +46,7 @@ std::vector<ChildLinks> links_by_child(const TapPlan& plan, torch::Device device
       matrices.push_back(plan.links[last].matrix);
     }
     const auto on_device = [&](const std::vector<std::int64_t>& list) {
-      return torch::tensor(list, torch::kInt64).to(device);
+      return nn::to_device(torch::tensor(list, torch::kInt64), device);
     };
     groups.push_back({plan.links[first].to_child, on_device(taps), on_device(from_children), on_device(matrices)});
   }

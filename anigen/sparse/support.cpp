@@ -255,7 +255,7 @@ Tensor Support::neighbours_on(torch::Device device) const {
   const Tensor& here = derived_->neighbours_of(*this);
   if (device.is_cpu()) return here;
   Tensor& there = derived_->neighbours_elsewhere;
-  if (!there.defined() || there.device() != device) there = here.to(device);
+  if (!there.defined() || there.device() != device) there = nn::to_device(here, device);
   return there;
 }
 

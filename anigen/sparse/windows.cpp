@@ -54,7 +54,7 @@ class PermuteRows : public torch::autograd::Function<PermuteRows> {
 };
 
 Tensor permute_rows(const Tensor& rows, const Tensor& order, const Tensor& inverse) {
-  return PermuteRows::apply(rows, order.to(rows.device()), inverse.to(rows.device()));
+  return PermuteRows::apply(rows, nn::to_device(order, rows.device()), nn::to_device(inverse, rows.device()));
 }
 
 // Windows one after another, by ascending number.

@@ -56,7 +56,7 @@ using torch::Tensor;
 constexpr double kSlatFlowFinalNormEps = 1e-5;
 
 Tensor with_voxel_positions(const SparseTensor& x) {
-  const Tensor places = x.support->coords().slice(1, 1).to(x.feats.device());
+  const Tensor places = nn::to_device(x.support->coords().slice(1, 1), x.feats.device());
   return x.feats + nn::absolute_position_embedding(places, x.channels()).to(nn::dtype_of(x.feats));
 }
 
@@ -64,7 +64,7 @@ Tensor with_voxel_positions(const SparseTensor& x) {
 // of the sparse structure (docs/reference/flows.md, 2.1).
 Tensor velocity_of_sparse_prediction(const SparseTensor& x_t, const Tensor& output, const Tensor& t,
                                      const StructuredLatentFlowOptions& options) {
-  const Tensor item = x_t.support->coords().select(1, 0).to(t.device(), torch::kInt64);
+  const Tensor item = x_t.support->items().item_of_rows(t.device());
   const Tensor time = (t / options.t_scale).clamp_min(options.t_eps).index_select(0, item).unsqueeze(1);
   return (output - x_t.feats) / time.to(nn::dtype_of(output));
 }

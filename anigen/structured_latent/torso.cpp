@@ -63,7 +63,7 @@ sparse::SparseBlockOptions block_options(const StructuredLatentCoderOptions& opt
 
 SparseTensor entered(nn::Linear& input, const SparseTensor& x, torch::Dtype block_dtype) {
   Tensor h = input->forward(x.feats.to(input->weight.options()));
-  const Tensor places = x.support->coords().slice(1, 1).to(h.device());
+  const Tensor places = nn::to_device(x.support->coords().slice(1, 1), h.device());
   h = h + nn::absolute_position_embedding(places, h.size(1)).to(nn::dtype_of(h));
   return x.with(h.to(block_dtype));
 }

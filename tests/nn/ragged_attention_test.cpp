@@ -288,6 +288,24 @@ TEST(Ragged, SplitGivesItemsInOrder) {
   EXPECT_EQ(items.offset(2), 2);
 }
 
+TEST(Ragged, EveryRowKnowsItsItem) {
+  const Ragged items({2, 0, 1});
+  const Ragged copy = items;
+  EXPECT_TRUE(torch::equal(items.item_of_rows(torch::kCPU), torch::tensor({0, 0, 2}, torch::kInt64)));
+  EXPECT_EQ(copy.item_of_rows(torch::kCPU).data_ptr(), items.item_of_rows(torch::kCPU).data_ptr()) << "kept once";
+  EXPECT_EQ(Ragged({}).item_of_rows(torch::kCPU).numel(), 0);
+}
+
+// Plans of the same thread's last calls are kept: one that fits another division of as many rows must not be taken.
+TEST(RaggedAttention, DivisionsThatTakeTurnsGiveTheirOwnResults) {
+  const RaggedCase one({2, 4, {3, 5, 4}, {2, 2, 6}}), two({2, 4, {5, 3, 4}, {2, 2, 6}}), three({2, 4, {12}, {10}});
+  for (int round = 0; round < 3; ++round) {
+    for (const RaggedCase* c : {&one, &two, &three, &one})
+      expect_close(c->run(tensor_ragged_attention, torch::kFloat64), c->run(attention_per_sequence, torch::kFloat64),
+                   1e-11);
+  }
+}
+
 TEST(Ragged, RowOffsetsEndWithTheNumberOfRows) {
   EXPECT_TRUE(torch::equal(Ragged({2, 0, 1}).row_offsets(), torch::tensor({0, 2, 2, 3}, torch::kInt64)));
   EXPECT_TRUE(torch::equal(Ragged({}).row_offsets(), torch::tensor({0}, torch::kInt64)));

@@ -381,13 +381,25 @@ void check_rows(const char* what, const Tensor& x, const Ragged& items, const Te
               shape_text(values));
 }
 
-// The results of body(item) one below the other. Values of an item spread over its rows by an index would
-// have to be stored, and added up again row by row for the gradient; broadcasting inside an item spares both.
-template <typename Body>
-Tensor for_each_item(const Ragged& items, const Body& body) {
-  std::vector<Tensor> parts;
-  for (std::int64_t i = 0; i < items.items(); ++i) parts.push_back(body(i));
-  return parts.size() == 1 ? parts[0] : torch::cat(parts, 0);
+// Values of each item at all of its rows, [B, C] → [N, C]. The gradient is a product with the rows of each item marked
+// by ones: a GPU that added rows up one by one would have thousands of them wait for the same few sums.
+class SpreadOverRows : public torch::autograd::Function<SpreadOverRows> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& values, const Tensor& item) {
+    context->save_for_backward({item});
+    context->saved_data["items"] = values.size(0);
+    return values.index_select(0, item);
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    const Tensor item = saved_once(*context, "values spread over rows")[0], &slopes = gradients[0];
+    const Tensor items = torch::arange(context->saved_data["items"].toInt(), item.options()).unsqueeze(1);
+    return {torch::mm(items.eq(item.unsqueeze(0)).to(slopes.scalar_type()), slopes), Tensor()};
+  }
+};
+
+Tensor spread(const Tensor& values, const Ragged& items) {
+  return SpreadOverRows::apply(values, items.item_of_rows(values.device()));
 }
 
 // Rows of the first item when all have as many, as those of a dense batch have; otherwise 0.
@@ -409,10 +421,7 @@ Tensor modulated_norm(const Tensor& x, const Ragged& items, const Tensor& shift,
   if (items.rows() == 0) return normed;
   if (const std::int64_t length = common_length(items); length > 0)
     return torch::addcmul(shift.unsqueeze(1), as_batch(normed, length), factor.unsqueeze(1)).view(x.sizes());
-  const std::vector<Tensor> rows = items.split(normed);
-  return for_each_item(items, [&](std::int64_t i) {
-    return torch::addcmul(shift.narrow(0, i, 1), rows[static_cast<std::size_t>(i)], factor.narrow(0, i, 1));
-  });
+  return torch::addcmul(spread(shift, items), normed, spread(factor, items));
 }
 
 Tensor affine_norm(const Tensor& x, const Tensor& weight, const Tensor& bias, double eps) {
@@ -437,11 +446,7 @@ Tensor add_gated(const Tensor& x, const Ragged& items, const Tensor& gate, const
   if (items.rows() == 0) return x;
   if (const std::int64_t length = common_length(items); length > 0)
     return torch::addcmul(as_batch(x, length), as_batch(result, length), gate.unsqueeze(1)).view(x.sizes());
-  const std::vector<Tensor> starts = items.split(x), rows = items.split(result);
-  return for_each_item(items, [&](std::int64_t i) {
-    const auto at = static_cast<std::size_t>(i);
-    return torch::addcmul(starts[at], rows[at], gate.narrow(0, i, 1));
-  });
+  return torch::addcmul(x, result, spread(gate, items));
 }
 
 }  // namespace anigen::nn

@@ -27,7 +27,7 @@ namespace anigen::train {
 /// @throws InputError for a voxel that an asset has twice
 inline sparse::SparseTensor sparse_of(const data::RaggedVoxels& voxels, torch::Device device) {
   const auto items = static_cast<std::int64_t>(voxels.lengths.size());
-  return {sparse::Support::create(voxels.coords, items), voxels.feats.to(device)};
+  return {sparse::Support::create(voxels.coords, items), nn::to_device(voxels.feats, device)};
 }
 
 /// Names of the parts of a flow stage in its config.
@@ -147,7 +147,7 @@ class FlowStage : public Stage {
     return twin;
   }
   /// Latents, noise or velocities where the model is, in the type of its input.
-  torch::Tensor placed(const torch::Tensor& x) const { return x.to(parts_.device, dtype_); }
+  torch::Tensor placed(const torch::Tensor& x) const { return nn::to_device(x, parts_.device).to(dtype_); }
   /// @param pictures of the batch's items; anything without an encoder @return [B, M, C] on the device
   torch::Tensor condition_of(const torch::Tensor& pictures, std::int64_t items) {
     if (parts_.encoder) return parts_.encoder->tokens(pictures);

@@ -23,9 +23,7 @@ using torch::Tensor;
 // TRELLIS' flow for the geometry stream; unlike those of the other models it is not called like its class.
 constexpr const char* kPretrainedFlow = "AniGenSlatFlowImage";
 
-Tensor item_of_rows(const SparseTensor& voxels) {
-  return voxels.support->coords().select(1, 0).to(voxels.feats.device(), torch::kInt64);
-}
+Tensor item_of_rows(const SparseTensor& voxels) { return voxels.support->items().item_of_rows(voxels.feats.device()); }
 
 void check_stream(const structured_latent::StructuredLatentFlowStreamOptions& stream, const std::string& suffix,
                   const std::string& file, const std::string& pointer) {
@@ -173,7 +171,7 @@ class StructuredLatentFlowStage final
   // (v(x_t, t, c) − v*)² of both streams: x_t = (1 − t) x_0 + (σ + (1 − σ) t) ε, v* = (1 − σ) ε − x_0.
   Errors errors(const Latents& latents, const Tensor& t, const flow::Streams& noise, const Tensor& condition) {
     const double sigma = options_.sigma_min;
-    const Tensor times = t.to(parts_.device);
+    const Tensor times = nn::to_device(t, parts_.device);
     const auto times_of = [&](const SparseTensor& x) { return times.index_select(0, item_of_rows(x)); };
     const auto noisy = [&](const SparseTensor& x_0, const Tensor& e) {
       return x_0.with(flow::noisy(x_0.feats, e, times_of(x_0), sigma));
