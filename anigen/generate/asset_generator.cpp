@@ -50,14 +50,15 @@ bool sees_normals(const AssetGenerator::Request& request, const StructureGenerat
          !nn::has_training_state(request.structure_flow);
 }
 
-/// Adds the run of the picture estimator that a flow's image encoder asks, if it asks one.
-void add_estimator(const nn::RunModel& flow, const std::filesystem::path& run,
-                   std::vector<std::filesystem::path>& runs) {
-  const char* pointer = "/trainer/args/image_encoder/estimator";
-  const Json::json_pointer place(pointer);
-  if (!flow.run.contains(place) || !flow.run.at(place).is_string()) return;
-  const std::string name = flow.run.at(place).get<std::string>();
-  if (!name.empty()) runs.push_back(nn::named_run(run, name, flow.config, pointer));
+/// Adds the runs that a flow's image encoder asks: a picture estimator, another flow.
+void add_encoder_runs(const nn::RunModel& flow, const std::filesystem::path& run,
+                      std::vector<std::filesystem::path>& runs) {
+  for (const char* pointer : {"/trainer/args/image_encoder/estimator", "/trainer/args/image_encoder/flow"}) {
+    const Json::json_pointer place(pointer);
+    if (!flow.run.contains(place) || !flow.run.at(place).is_string()) continue;
+    const std::string name = flow.run.at(place).get<std::string>();
+    if (!name.empty()) runs.push_back(nn::named_run(run, name, flow.config, pointer));
+  }
 }
 
 }  // namespace
@@ -90,8 +91,8 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   structure_sees_normals_ = sees_normals(request, first);
   structure_decoder_ckpt_ = first.reading().ss_dec_ckpt;
   runs_ = {request.structure_flow, request.latent_flow, first.autoencoder()};
-  std::vector<std::filesystem::path> estimators;
-  add_estimator(first.flow(), request.structure_flow, estimators);
+  std::vector<std::filesystem::path> asked;
+  add_encoder_runs(first.flow(), request.structure_flow, asked);
   forget_unless_kept();
   const StructuredLatentGenerator& second = latents();
   latent_size_ = second.reading().image_size;
@@ -103,9 +104,9 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
     latent_autoencoder_ = nn::named_run(request.latent_flow, second.reading().slat_dec_path, second.flow().config,
                                         "/dataset/args/slat_dec_path");
   }
-  add_estimator(second.flow(), request.latent_flow, estimators);
+  add_encoder_runs(second.flow(), request.latent_flow, asked);
   runs_.push_back(latent_autoencoder_);
-  runs_.insert(runs_.end(), estimators.begin(), estimators.end());
+  runs_.insert(runs_.end(), asked.begin(), asked.end());
   forget_unless_kept();
   require_grid(decoder().options().resolution, latent_autoencoder_);
   forget_unless_kept();

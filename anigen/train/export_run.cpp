@@ -33,7 +33,7 @@ void make_portable(Json& config) {
   };
   for (const char* pointer : {"/dataset/args/ss_dec_path", "/dataset/args/slat_dec_path", "/dataset/args/pictures",
                               "/dataset/args/backgrounds", "/dataset/args/cache", "/trainer/args/skin_ae_run",
-                              "/trainer/args/image_encoder/estimator"})
+                              "/trainer/args/image_encoder/estimator", "/trainer/args/image_encoder/flow"})
     by_name(pointer);
   if (!config.contains("dataset") || !config["dataset"].contains("args")) return;
   Json& reading = config["dataset"]["args"];

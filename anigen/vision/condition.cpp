@@ -48,18 +48,28 @@ class FrozenDinov2 : public ConditionEncoder {
   Dinov2 model_;
 };
 
+/// Image encoder of another flow, frozen.
+struct FlowTokens {
+  std::shared_ptr<ConditionEncoder> encoder;
+  std::int64_t channels = 0;
+};
+
 class TrainedPatches : public ConditionEncoder {
  public:
-  /// @param estimator frozen, so that replicas share it; null unless options name one
-  TrainedPatches(const PatchImageEncoderOptions& options, PictureEstimator estimator, std::int64_t channels,
-                 torch::Device device, nn::Init init)
-      : model_(options, channels, init), estimator_(std::move(estimator)), channels_(channels), device_(device) {
+  /// @param estimator, flow frozen, so that replicas share them; null unless options name them
+  TrainedPatches(const PatchImageEncoderOptions& options, PictureEstimator estimator, FlowTokens flow,
+                 std::int64_t channels, torch::Device device, nn::Init init)
+      : model_(options, channels, init, flow.channels),
+        estimator_(std::move(estimator)),
+        flow_(std::move(flow)),
+        channels_(channels),
+        device_(device) {
     model_->to(device);
   }
   Tensor tokens(const Tensor& images) override {
-    const Tensor here = images.to(device_, nn::dtype_of(model_->parameters().front()));
-    if (estimator_.is_empty()) return model_->forward(here);
-    return model_->forward(here, estimated(here));
+    const Tensor here = nn::to_device(images, device_).to(nn::dtype_of(model_->parameters().front()));
+    const Tensor others = flow_.encoder ? flow_tokens(here) : Tensor();
+    return model_->forward(here, estimator_.is_empty() ? PictureEstimate() : estimated(here), others);
   }
   std::optional<Tensor> cameras(const Tensor& images) override {
     if (estimator_.is_empty()) return std::nullopt;
@@ -67,7 +77,8 @@ class TrainedPatches : public ConditionEncoder {
   }
   std::optional<nn::NamedModel> trained() const override { return nn::NamedModel{kEncoderName, model_.ptr()}; }
   std::unique_ptr<ConditionEncoder> replica() const override {
-    auto twin = std::make_unique<TrainedPatches>(model_->options(), estimator_, channels_, device_, nn::Init::kNone);
+    auto twin =
+        std::make_unique<TrainedPatches>(model_->options(), estimator_, flow_, channels_, device_, nn::Init::kNone);
     nn::load_state_dict(*twin->model_, nn::state_dict(*model_), nn::LoadMode::kStrict);
     return twin;
   }
@@ -80,11 +91,37 @@ class TrainedPatches : public ConditionEncoder {
         images.size(2) == size ? images : torch::upsample_bilinear2d(images, {size, size}, /*align_corners=*/false));
   }
 
+  Tensor flow_tokens(const Tensor& images) {
+    const torch::NoGradGuard no_grad;
+    return flow_.encoder->tokens(images);
+  }
+
   PatchImageEncoder model_;
   PictureEstimator estimator_;
+  FlowTokens flow_;
   std::int64_t channels_;
   torch::Device device_;
 };
+
+/// @param run folder of the other flow @throws InputError naming its config: no model with cond_channels, or an encoder
+/// that itself sees the tokens of a flow
+FlowTokens flow_tokens_of(const std::filesystem::path& run, std::int64_t image_size, torch::Device device) {
+  nn::RunModel flow;
+  flow.config = run / "config.json";
+  flow.run = read_json(flow.config);
+  const Json::json_pointer nested("/trainer/args/image_encoder/flow");
+  if (flow.run.contains(nested))
+    throw InputError(flow.config.string(), nested.to_string(), "this encoder sees another flow's tokens itself");
+  FlowTokens tokens;
+  const Json models = flow.run.value("models", Json::object());
+  for (const Json& model : models) {
+    const Json::json_pointer width("/args/cond_channels");
+    if (model.contains(width) && model.at(width).is_number_integer()) tokens.channels = model.at(width);
+  }
+  if (tokens.channels < 1) throw InputError(flow.config.string(), "/models", "no model of it has cond_channels");
+  tokens.encoder = trained_condition_encoder(run, flow, image_size, tokens.channels, device);
+  return tokens;
+}
 
 /// @param reader, key where the name stands, for messages
 std::unique_ptr<ConditionEncoder> make_dinov2(const ConfigReader& reader, const char* key, const std::string& name,
@@ -172,16 +209,25 @@ std::unique_ptr<ConditionEncoder> make_condition_encoder(ConfigReader& trainer_a
     throw encoder.error("image_size", "is " + std::to_string(options.image_size) + ", the dataset's image_size is " +
                                           std::to_string(image_size));
   }
+  const auto named = [&](const std::string& name, const char* key) {
+    return nn::named_run(run.empty() ? std::filesystem::current_path() : run, name, encoder.file(),
+                         trainer_args.pointer_to(kEncoderName) + "/" + key);
+  };
   PictureEstimator estimator = nullptr;
   if (!options.estimator.empty()) {
-    const std::filesystem::path trained =
-        nn::named_run(run.empty() ? std::filesystem::current_path() : run, options.estimator, encoder.file(),
-                      trainer_args.pointer_to(kEncoderName) + "/estimator");
+    const std::filesystem::path trained = named(options.estimator, "estimator");
     const nn::RunModel found = nn::find_run_model(trained, kPictureEstimatorClass);
     log::info("normals, coordinates and cameras of pictures are estimated by {}", found.checkpoint.string());
     estimator = nn::load_trained<PictureEstimator>(found, device);
   }
-  return std::make_unique<TrainedPatches>(options, std::move(estimator), channels, device, nn::Init::kPublished);
+  FlowTokens flow;
+  if (!options.flow.empty()) {
+    const std::filesystem::path other = named(options.flow, "flow");
+    flow = flow_tokens_of(other, image_size, device);
+    log::info("the image encoder of {} gives its tokens, too", other.string());
+  }
+  return std::make_unique<TrainedPatches>(options, std::move(estimator), std::move(flow), channels, device,
+                                          nn::Init::kPublished);
 }
 
 std::unique_ptr<ConditionEncoder> trained_condition_encoder(const std::filesystem::path& run, const nn::RunModel& flow,

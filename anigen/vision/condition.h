@@ -67,7 +67,8 @@ class ConditionEncoder {
 ///   file lies in ckpts/dinov2 of the working directory: dinov2_vitl14_reg4_pretrain.pth for "dinov2_vitl14_reg", or
 ///   the same as .safetensors;
 /// - `{"name": "patch", ...}`: a small encoder trained with the flow (vision/patch_encoder.h), saved as
-///   "image_encoder"; with `estimator` it sees what a picture estimator, frozen, says of the picture.
+///   "image_encoder"; with `estimator` it sees what a picture estimator, frozen, says of the picture, and with `flow`
+///   tokens of another flow's image encoder, frozen, join its own.
 ///
 /// @param image_size of the dataset's condition pictures @param channels cond_channels of the flow model
 /// @param run folder of a trained flow, where a picture estimator is looked for, too, as nn::named_run(); or empty

@@ -75,6 +75,7 @@ void PatchImageEncoderOptions::fields(ConfigFields& f) {
   convolutions = stem == "convolutions";
   if (!f.writes() || !estimator.empty()) f("estimator", estimator);
   if (!f.writes() || lift > 0) f("lift", lift, {0, 64});
+  if (!f.writes() || !flow.empty()) f("flow", flow);
 }
 
 void PatchImageEncoderOptions::validate(const std::string& file, const std::string& pointer) const {
@@ -92,9 +93,10 @@ void PatchImageEncoderOptions::validate(const std::string& file, const std::stri
 }
 
 PatchImageEncoderImpl::PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,
-                                             nn::Init init)
+                                             nn::Init init, std::int64_t flow_channels)
     : options_(options) {
   options_.validate();
+  TORCH_CHECK(options_.flow.empty() == (flow_channels == 0), "the width of another flow's tokens goes with `flow`");
   // A convolution whose windows do not overlap is one product per window.
   const std::int64_t values = 3 * options_.patch_size * options_.patch_size;
   if (options_.convolutions) {
@@ -121,6 +123,7 @@ PatchImageEncoderImpl::PatchImageEncoderImpl(const PatchImageEncoderOptions& opt
     cells_ = register_buffer("cells", (grid.to(torch::kFloat32) + 0.5) / static_cast<double>(options_.lift) - 0.5);
   }
   out_layer_ = register_module("out_layer", nn::Linear(options_.width, cond_channels));
+  if (flow_channels > 0) flow_layer_ = register_module("flow_layer", nn::Linear(flow_channels, cond_channels));
   if (init == nn::Init::kPublished) nn::xavier_uniform_linears(*this);
 }
 
@@ -150,7 +153,8 @@ Tensor PatchImageEncoderImpl::lifted(const Tensor& tokens, const std::vector<Ten
   return lift_layer_->forward(torch::cat(parts, 2)) + cell_emb_;
 }
 
-Tensor PatchImageEncoderImpl::forward(const Tensor& images, const PictureEstimate& estimate) {
+Tensor PatchImageEncoderImpl::forward(const Tensor& images, const PictureEstimate& estimate,
+                                      const Tensor& flow_tokens) {
   const std::int64_t size = options_.image_size;
   if (images.dim() != 4 || images.size(1) != 3 || images.size(2) != size || images.size(3) != size) {
     throw InputError("", "image",
@@ -158,6 +162,7 @@ Tensor PatchImageEncoderImpl::forward(const Tensor& images, const PictureEstimat
                          "]; set dataset.args.image_size to its image_size");
   }
   TORCH_CHECK(options_.estimator.empty() || estimate.normals.defined(), "the image encoder needs an estimate");
+  TORCH_CHECK(flow_layer_.is_empty() || flow_tokens.defined(), "the image encoder needs the tokens of another flow");
   const std::int64_t batch = images.size(0), patches = options_.patches();
   Tensor seen = 2.0 * images - 1.0;
   if (!options_.estimator.empty()) {
@@ -173,7 +178,9 @@ Tensor PatchImageEncoderImpl::forward(const Tensor& images, const PictureEstimat
   for (nn::TransformerBlock& block : blocks_) x = block->forward(x, items);
   Tensor tokens = nn::layer_norm(x).reshape({batch, patches, options_.width});
   if (options_.lift > 0) tokens = torch::cat({tokens, nn::layer_norm(lifted(tokens, levels, estimate.camera))}, 1);
-  return nn::layer_norm(out_layer_->forward(tokens), kTokenNormEps);
+  tokens = out_layer_->forward(tokens);
+  if (!flow_layer_.is_empty()) tokens = torch::cat({tokens, flow_layer_->forward(flow_tokens)}, 1);
+  return nn::layer_norm(tokens, kTokenNormEps);
 }
 
 }  // namespace anigen::vision

@@ -46,10 +46,12 @@ struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
                               ///< coordinates the stem sees beside the colours; empty: none
   std::int64_t lift = 0;      ///< cells on a side of a grid in the object's frame, each one more token; 0: none. Needs
                               ///< estimator and stem "convolutions"
+  std::string flow;           ///< run of another flow, whose image encoder's tokens follow; empty: none
 
   void fields(ConfigFields& f);  ///< also `name`, always "patch"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
   std::int64_t patches() const { return (image_size / patch_size) * (image_size / patch_size); }
+  /// Of patches and cells.
   std::int64_t tokens() const { return patches() + lift * lift * lift; }
 };
 
@@ -63,14 +65,20 @@ struct PatchImageEncoderOptions : JsonOptions<PatchImageEncoderOptions> {
 /// of the stem and the tokens, sampled where the estimated camera sees the middle of the cell (pixel-aligned features,
 /// Saito et al. 2019, "PIFu"), how near it lies, and the place of the cell. Cross attention can so look up what is seen
 /// at a place, without having to find the place in the picture.
+///
+/// With `flow` the tokens of another flow's image encoder come last, through a linear map: a flow that is dear to train
+/// learns from few images, and sees by what a cheap one has learned from many.
 class PatchImageEncoderImpl : public torch::nn::Module {
  public:
+  /// @param flow_channels of the tokens of the other flow's encoder; only with `flow`
   PatchImageEncoderImpl(const PatchImageEncoderOptions& options, std::int64_t cond_channels,
-                        nn::Init init = nn::Init::kPublished);
+                        nn::Init init = nn::Init::kPublished, std::int64_t flow_channels = 0);
 
   /// @param images [B, 3, S, S] fp32 in [0, 1], S = image_size @param estimate of these pictures; only with `estimator`
-  /// @return [B, tokens, cond_channels], patches row by row, then cells @throws InputError on another shape
-  Tensor forward(const Tensor& images, const PictureEstimate& estimate = {});
+  /// @param flow_tokens [B, M, flow_channels] of these pictures; only with `flow`
+  /// @return [B, tokens + M, cond_channels], patches row by row, then cells, then the M
+  /// @throws InputError on another shape
+  Tensor forward(const Tensor& images, const PictureEstimate& estimate = {}, const Tensor& flow_tokens = {});
 
   const PatchImageEncoderOptions& options() const { return options_; }
 
@@ -79,7 +87,7 @@ class PatchImageEncoderImpl : public torch::nn::Module {
   Tensor embed_patches(const Tensor& images, std::vector<Tensor>& levels);
   Tensor lifted(const Tensor& tokens, const std::vector<Tensor>& levels, const Tensor& camera);
 
-  nn::Linear patch_embed_ = nullptr, lift_layer_ = nullptr, out_layer_ = nullptr;
+  nn::Linear patch_embed_ = nullptr, lift_layer_ = nullptr, out_layer_ = nullptr, flow_layer_ = nullptr;
   ConvolutionStem stem_ = nullptr;
   Tensor pos_emb_, cells_, cell_emb_;  // cells_ [lift³, 3] their middles
   std::vector<nn::TransformerBlock> blocks_;

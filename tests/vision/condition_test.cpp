@@ -1,9 +1,12 @@
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <string>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/io/arrays/safetensors.h"
 #include "anigen/vision/condition.h"
+#include "anigen/vision/patch_encoder.h"
 #include "tests/support/paths.h"
 #include "tests/vision/deterministic_fill.h"
 
@@ -50,6 +53,67 @@ TEST_F(PublishedConditions, AreTakenFromTheirPublishedPlace) {
 }  // namespace
 
 namespace {
+
+/// A trained flow's run, as far as its image encoder is concerned.
+void write_flow(const fs::path& run, const Json& encoder, std::int64_t channels) {
+  const Json model = channels > 0 ? Json{{"args", {{"cond_channels", channels}}}} : Json{{"args", Json::object()}};
+  const Json config = {{"models", {{"denoiser", model}}}, {"trainer", {{"args", {{"image_encoder", encoder}}}}}};
+  write_file_atomically(run / "config.json", config.dump());
+  PatchImageEncoder trained(PatchImageEncoderOptions::from_json(encoder), std::max<std::int64_t>(channels, 4));
+  fs::create_directories(run / "ckpts");
+  io::write_safetensors(run / "ckpts" / "image_encoder_step0000001.safetensors", nn::state_dict(*trained));
+}
+
+TEST(TokensOfAnotherFlow, FollowThoseOfTheEncoder) {
+  const test::TemporaryFolder folder;
+  const Json small = {{"name", "patch"}, {"image_size", 16}, {"patch_size", 8},
+                      {"width", 8},      {"num_blocks", 1},  {"num_heads", 2}};
+  write_flow(folder / "cheap", small, 12);
+  Json encoder = small;
+  encoder["flow"] = "cheap";
+  const Json args = {{"image_encoder", encoder}};
+  ConfigReader reader(args, "config.json", "/trainer/args");
+  const auto made = make_condition_encoder(reader, 16, 20, torch::kCPU, folder.path() / "dear");
+  const Tensor tokens = made->tokens(torch::rand({3, 3, 16, 16}));
+  EXPECT_EQ(tokens.sizes(), (std::vector<std::int64_t>{3, 4 + 4, 20}));
+  ASSERT_TRUE(made->trained());
+  const auto trained = made->trained()->module->named_parameters();
+  EXPECT_EQ(trained["flow_layer.weight"].sizes(), (std::vector<std::int64_t>{20, 12}));
+  for (const auto& entry : trained) EXPECT_EQ(entry.key().find("cheap"), std::string::npos);
+  // The other encoder is frozen: gradients reach the map of its tokens alone.
+  tokens.slice(1, 4).square().sum().backward();
+  EXPECT_TRUE(trained["flow_layer.weight"].grad().defined());
+  EXPECT_EQ(trained["out_layer.weight"].grad().abs().max().item<float>(), 0.0F);
+  const auto twin = made->replica();
+  const torch::NoGradGuard no_grad;
+  const Tensor images = torch::rand({1, 3, 16, 16});
+  EXPECT_TRUE(torch::equal(twin->tokens(images), made->tokens(images)));
+}
+
+TEST(TokensOfAnotherFlow, ThatHasNoneAreAnErrorThatNamesItsConfig) {
+  const test::TemporaryFolder folder;
+  Json encoder = {{"name", "patch"}, {"image_size", 16}, {"patch_size", 8},
+                  {"width", 8},      {"num_blocks", 1},  {"num_heads", 2}};
+  write_flow(folder / "none", encoder, 0);
+  encoder["flow"] = "none";
+  const auto message = [&] {
+    const Json args = {{"image_encoder", encoder}};
+    ConfigReader reader(args, "config.json", "/trainer/args");
+    try {
+      make_condition_encoder(reader, 16, 20, torch::kCPU, folder.path() / "dear");
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  EXPECT_NE(message().find("no model of it has cond_channels"), std::string::npos) << message();
+  const Json nested = {{"trainer", {{"args", {{"image_encoder", encoder}}}}}};
+  write_file_atomically(folder / "nested" / "config.json", nested.dump());
+  encoder["flow"] = "nested";
+  EXPECT_NE(message().find("sees another flow's tokens itself"), std::string::npos) << message();
+  encoder["flow"] = "nowhere";
+  EXPECT_NE(message().find("/trainer/args/image_encoder/flow"), std::string::npos) << message();
+}
 
 /// A transparent picture with a coloured block at columns 10 … 19, rows 20 … 29.
 io::Image block(std::uint8_t alpha) {
