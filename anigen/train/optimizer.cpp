@@ -310,7 +310,8 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
   }
   result.restored = recovery.after_update(step, buffer_.master());
   if (result.restored) buffer_.publish();
-  ema.update(buffer_.master());
+  const auto n = static_cast<double>(step);
+  ema.update(buffer_.master(), options_.ema_warm_up ? (1.0 + n) / (10.0 + n) : 1.0);
   return result;
 }
 

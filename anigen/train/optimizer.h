@@ -180,6 +180,7 @@ struct UpdateOptions {
   LrSchedule schedule = unscheduled();
   std::variant<std::monostate, double, AdaptiveGradClipper::Options> grad_clip;  ///< none, fixed norm, adaptive
   std::vector<double> ema_rates{0.9999};
+  bool ema_warm_up = false;   ///< in step n rates are at most (1 + n) / (10 + n); published: no warm-up
   bool loss_scaling = false;  ///< fp16 on CUDA; fp32 needs none
   double fp16_scale_growth = 1e-3;
 };

@@ -177,6 +177,7 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
     options.before_decay = 0;  // falls from early on, or never
   read_grad_clip(f, options.update);
   options.update.ema_rates = read_ema_rates(reader);
+  f("ema_warm_up", options.update.ema_warm_up);
   f("fp16_mode", options.fp16_mode, {"inflat_all", "none"});
   f("fp16_scale_growth", options.update.fp16_scale_growth, {0.0, 1.0});
   f("loss_scaling", options.loss_scaling);

@@ -1,5 +1,6 @@
 #include "anigen/train/parameters.h"
 
+#include <algorithm>
 #include <unordered_map>
 
 #include "anigen/core/error.h"
@@ -144,11 +145,11 @@ Ema::Ema(const std::vector<double>& rates, const torch::Tensor& master) : rates_
   }
 }
 
-void Ema::update(const torch::Tensor& master) {
+void Ema::update(const torch::Tensor& master, double most) {
   torch::NoGradGuard no_grad;
   for (std::size_t i = 0; i < rates_.size(); ++i) {
     torch::Tensor& average = averages_[i];
-    const double rate = rates_[i];
+    const double rate = std::min(rates_[i], most);
     if (average.is_cpu() && average.scalar_type() == torch::kFloat32) {
       ema_pass(average.data_ptr<float>(), master.data_ptr<float>(), average.numel(), static_cast<float>(rate),
                static_cast<float>(1.0 - rate));

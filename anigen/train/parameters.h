@@ -67,14 +67,15 @@ class ParameterBuffer {
 };
 
 /// Exponential moving averages of the flat parameter vector at one or several rates: ema ← r·ema + (1 − r)·master
-/// after every step, also after a skipped update, without warm-up (docs/reference/training.md, 2.2). Make it after warm
-/// starts: the published trainer averages from the random initialisation instead, a defect.
+/// after every step, also after a skipped update (docs/reference/training.md, 2.2). Make it after warm starts: the
+/// published trainer averages from the random initialisation instead, a defect.
 class Ema {
  public:
   /// @param rates each in [0, 1) @param master [P] fp32; every average starts as a copy @throws InputError
   Ema(const std::vector<double>& rates, const torch::Tensor& master);
 
-  void update(const torch::Tensor& master);
+  /// @param most r is no larger in this update, so that the first ones forget where the averages start
+  void update(const torch::Tensor& master, double most = 1.0);
 
   const std::vector<double>& rates() const { return rates_; }
   /// [P] fp32, one per rate; writable for resuming.

@@ -68,6 +68,11 @@ TrainerOptions options_with(const std::string& changes) {
   return TrainerOptions::read(reader);
 }
 
+TEST(TrainerOptions, AveragesWarmUpWhereTheyAreAskedTo) {
+  EXPECT_FALSE(options_with("{}").update.ema_warm_up) << "published";
+  EXPECT_TRUE(options_with(R"({"ema_warm_up": true})").update.ema_warm_up);
+}
+
 TEST(TrainerOptions, IntervalsMayBeSharesOfAllSteps) {
   const TrainerOptions options = options_with(R"({"i_eval": "25%", "i_save": "100%", "i_print": 7, "i_sample": -1})");
   EXPECT_EQ(options.i_eval, 50);
