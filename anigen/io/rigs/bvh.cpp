@@ -11,6 +11,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/text.h"
 #include "anigen/io/obj.h"
@@ -182,7 +183,10 @@ class BvhParser : TextLines {
       values.clear();
       std::string_view token = take_token(left_);
       if (token.empty()) continue;
-      if (read == result_.frames) fail("there are more frames than the " + std::to_string(read) + " announced");
+      if (read == result_.frames) {
+        log::warn("{}: line {}: there are more frames than the {} announced; they are left out", file_, line_, read);
+        break;
+      }
       std::size_t found = 0;
       for (; !token.empty(); token = take_token(left_)) {
         if (++found <= channel_count_) values.push_back(number(token));
