@@ -27,13 +27,15 @@ void list(const AnimateArguments& arguments, const CommonOptions& common) {
   print_result(found, motions::listing_text(found), common);
 }
 
-void animate(AnimateArguments& arguments, const CommonOptions& common) {
+void animate(const CLI::App& app, AnimateArguments& arguments, const CommonOptions& common) {
   motions::AnimateRequest& request = arguments.request;
   if (request.out.empty()) throw InputError("", "--output", "name the file or folder to write, or ask for --list");
   request.assets = arguments.asset;
   request.pictures = arguments.pictures;
   request.t_pose = !arguments.pose.empty();
   request.keep_clips = !arguments.drop_clips;
+  if (!std::filesystem::is_directory(arguments.asset))
+    refuse_given(app, {"--format"}, "is of the files in a folder; the extension of --output says that of one file");
   const std::vector<motions::AnimateReport> reports = motions::animate_files(request);
   print_result(motions::to_json(reports), motions::to_text(reports), common);
   if (!std::filesystem::is_directory(arguments.asset) && !reports.front().failure.empty())
@@ -46,12 +48,13 @@ void animate(AnimateArguments& arguments, const CommonOptions& common) {
 int main(int argc, char** argv) {
   Program program("anigen-animate",
                   "Moves rigged assets: motions that are built in, chosen by what limbs a body has, or clips of other\n"
-                  "files. What else a .glb or .gltf holds stays as it is.",
+                  "files. What else a .glb or .gltf holds stays as it is; FBX and USD get base colours alone.",
                   "  anigen-animate fox.glb -o fox_idle.glb\n"
                   "  anigen-animate fox.glb --list\n"
                   "  anigen-animate fox.glb -o fox_moves.glb --motion walk --motion run --motion wag\n"
                   "  anigen-animate hero.glb -o dancer.glb --motion dance.bvh --turntable dancer.png\n"
                   "  anigen-animate hero.glb -o walker.glb --motion 'library.glb#Walk' --motion walk --travel\n"
+                  "  anigen-animate hero.glb -o walker.fbx --motion walk\n"
                   "  anigen-animate rigged/ -o animated/ --motion idle --keep-going");
   program.first = "--asset";
   CLI::App& app = program.app;
@@ -70,16 +73,17 @@ int main(int argc, char** argv) {
   add_option(app, "--drop-clips", arguments.drop_clips);
   add_option(app, "--turntable", arguments.pictures);
   add_option(app, "--output", arguments.request.out, ": a file for a file, a folder for a folder");
+  add_option(app, "--format", arguments.request.format);
   program.add_common({"--keep-going", "--threads", "--json"});
   return program.run(argc, argv, [&] {
     if (arguments.list) {
       refuse_given(app,
-                   {"--output", "--motion", "--pose", "--frames", "--fps", "--speed", "--travel", "--drop-clips",
-                    "--turntable", "--keep-going"},
+                   {"--output", "--format", "--motion", "--pose", "--frames", "--fps", "--speed", "--travel",
+                    "--drop-clips", "--turntable", "--keep-going"},
                    "does not go with --list");
       return list(arguments, program.common);
     }
     refuse_ignored(app, arguments);
-    animate(arguments, program.common);
+    animate(app, arguments, program.common);
   });
 }

@@ -3,6 +3,7 @@
 #include <cctype>
 #include <cstddef>
 #include <cstdlib>
+#include <utility>
 
 #include "anigen/core/text.h"
 
@@ -31,39 +32,49 @@ std::string without_fbx_escapes(const std::string& name) {
   return text;
 }
 
-/// Position and length of the word that tells a side.
-std::optional<std::pair<std::size_t, std::size_t>> side_word(const std::string& name) {
+/// Position and length of the word that tells a side; length 0 without one.
+std::pair<std::size_t, std::size_t> side_word(const std::string& name) {
   const auto letter_at = [&name](std::size_t i) { return i < name.size() && is_letter(name[i]); };
-  for (std::size_t i = 0; i < name.size(); ++i) {
-    const bool alone = (i == 0 || (!is_letter(name[i - 1]) && !is_digit(name[i - 1]))) && !letter_at(i + 1) &&
-                       (i + 1 == name.size() || !is_digit(name[i + 1]));
-    if (alone && std::string("lLrR").find(name[i]) != std::string::npos) return std::pair{i, std::size_t{1}};
-  }
+  const auto digit_at = [&name](std::size_t i) { return i < name.size() && is_digit(name[i]); };
   const std::string low = lower_case(name);
+  for (std::size_t i = 0; i < name.size(); ++i) {
+    if ((low[i] != 'l' && low[i] != 'r') || letter_at(i + 1)) continue;
+    const bool alone = (i == 0 || (!is_letter(name[i - 1]) && !is_digit(name[i - 1]))) && !digit_at(i + 1);
+    if (alone) return {i, 1};
+  }
   for (const std::string word : {"left", "right"}) {
     for (std::size_t i = low.find(word); i != std::string::npos; i = low.find(word, i + 1)) {
       // A word within another begins in upper case: HandLeft, but not bright.
       const bool begins = i == 0 || !is_letter(name[i - 1]) || (is_upper(name[i]) && !is_upper(name[i - 1]));
-      if (begins) return std::pair{i, word.size()};
+      if (begins) return {i, word.size()};
     }
   }
-  return std::nullopt;
+  for (std::size_t i = 1; i < name.size(); ++i) {  // legL, FinR_03
+    const bool ends = is_letter(name[i - 1]) && !is_upper(name[i - 1]) && !letter_at(i + 1);
+    if ((name[i] == 'L' || name[i] == 'R') && ends) return {i, 1};
+  }
+  return {0, 0};
 }
 
 }  // namespace
 
-std::optional<std::pair<int, std::string>> side_of_name(const std::string& raw) {
+SidedName side_of_name(const std::string& raw) {
   const std::string name = without_fbx_escapes(raw);
-  const auto word = side_word(name);
-  if (!word) return std::nullopt;
-  const char first = lower_case(name)[word->first];
-  std::string rest = lower_case(name.substr(0, word->first) + "*" + name.substr(word->first + word->second));
-  // Exporters number joints, and the two of a pair differently: "pelvis.L_021", "pelvis.R_013".
-  for (std::size_t end = rest.size(); end > 0 && is_digit(rest[end - 1]); end = rest.size()) {
-    while (!rest.empty() && is_digit(rest.back())) rest.pop_back();
-    if (!rest.empty() && std::string("._-").find(rest.back()) != std::string::npos) rest.pop_back();
+  const auto [first, length] = side_word(name);
+  SidedName result;
+  result.rest = lower_case(name);
+  if (length > 0) {
+    result.side = result.rest[first] == 'l' ? 1 : -1;
+    result.rest.replace(first, length, "*");
   }
-  return std::pair{first == 'l' ? 1 : -1, rest};
+  result.stem = result.rest;
+  // "pelvis.L_021", "pelvis.R_013"
+  std::string& stem = result.stem;
+  while (!stem.empty() && is_digit(stem.back())) {
+    while (!stem.empty() && is_digit(stem.back())) stem.pop_back();
+    if (!stem.empty() && std::string("._-").find(stem.back()) != std::string::npos) stem.pop_back();
+  }
+  return result;
 }
 
 }  // namespace anigen

@@ -1,13 +1,17 @@
 #pragma once
-#include <optional>
 #include <string>
-#include <utility>
 
 namespace anigen {
 
-/// Side that a joint's name says: +1 left, −1 right, and the name without it, in lower case and without a number at
-/// its end, which is equal for both of a pair. Understands "Hand.L", "l_hand", "mixamorig:LeftHand", "hand_left_012",
-/// "handFBXASC046L"; nothing for "lever" and "bright".
-std::optional<std::pair<int, std::string>> side_of_name(const std::string& name);
+/// Side that a joint's name tells.
+struct SidedName {
+  int side = 0;      ///< 1 left, −1 right, 0 neither
+  std::string rest;  ///< the name in lower case, '*' for the side
+  std::string stem;  ///< rest without numbers at its end, which exporters give both of a pair differently
+};
+
+/// Understands "Hand.L", "l_hand", "legR", "mixamorig:LeftHand", "hand_left_012", "handFBXASC046L"; not "lever" and
+/// "bright".
+SidedName side_of_name(const std::string& name);
 
 }  // namespace anigen

@@ -187,8 +187,8 @@ void check_names(const Skeleton& skeleton, RigLint& lint) {
 void check_sides(const WeldedRig& rig, RigLint& lint) {
   std::map<std::string, Pair> pairs;
   for (std::size_t j = 0; j < rig.joint_count(); ++j) {
-    const auto side = side_of_name(rig.joint_name(j));
-    if (side) (side->first > 0 ? pairs[side->second].left : pairs[side->second].right).push_back(j);
+    const SidedName name = side_of_name(rig.joint_name(j));
+    if (name.side != 0) (name.side > 0 ? pairs[name.stem].left : pairs[name.stem].right).push_back(j);
   }
   check_unpaired(rig, pairs, lint);
   check_swapped(rig, pairs, lint);

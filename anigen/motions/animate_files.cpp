@@ -19,6 +19,7 @@
 #include "anigen/io/rigs/assimp_scene.h"
 #include "anigen/io/rigs/bvh.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/write_rigged.h"
 #include "anigen/motions/contact.h"
 #include "anigen/motions/pictures.h"
 #include "anigen/motions/retargeted.h"
@@ -52,11 +53,15 @@ struct Job {
 };
 
 std::vector<Job> jobs_of(const AnimateRequest& request) {
-  if (!fs::is_directory(request.assets)) return {{request.assets, request.out, request.assets.stem().string()}};
+  if (!fs::is_directory(request.assets)) {
+    if (!io::is_rigged_output(request.out))
+      throw InputError(request.out.string(), "--output", "an animated asset is a .glb, .gltf, .fbx, .usda or .usdz");
+    return {{request.assets, request.out, request.assets.stem().string()}};
+  }
   std::vector<Job> jobs;
   for (const fs::path& file : io::files_below(request.assets, asset_extensions())) {
     const fs::path below = fs::path(file.lexically_relative(request.assets)).replace_extension("");
-    jobs.push_back({file, request.out / (below.string() + ".glb"), below.string()});
+    jobs.push_back({file, request.out / (below.string() + "." + request.format), below.string()});
   }
   if (jobs.empty()) throw InputError(request.assets.string(), "", "there is no .glb, .gltf, .fbx or .dae in it");
   std::map<fs::path, fs::path> by_output;
@@ -134,14 +139,21 @@ MadeClips make_clips(const Body& body, const Skeleton& skeleton, const AnimateRe
     Retargeted moved = retarget_to(body, given[i]);
     if (moved.motion.name.empty()) moved.motion.name = fs::path(request.motions[i]).stem().string();
     for (double& time : moved.motion.times) time /= request.options.speed;
-    keep(body, skeleton, moved.motion, moved.by_limbs ? "by limbs" : "by transport of bones", made);
+    std::string how = moved.by_limbs ? "by limbs" : "by transport of bones";
+    if (moved.raised >= 0.01) {
+      char text[64];
+      std::snprintf(text, sizeof text, ", raised by %.0f %% of the height", 100.0 * moved.raised);
+      how += text;
+    }
+    keep(body, skeleton, moved.motion, std::move(how), made);
   }
   return made;
 }
 
 void write_animated(const Job& job, Asset& asset, const std::vector<Animation>& clips, bool keep_clips,
                     AnimateReport& report) {
-  if (io::has_extension(job.asset, {".glb", ".gltf"})) {
+  const std::vector<std::string> gltf = {".glb", ".gltf"};
+  if (io::has_extension(job.asset, gltf) && io::has_extension(job.file, gltf)) {
     try {
       io::AddAnimationOptions options;
       options.keep_clips = keep_clips;
@@ -157,7 +169,7 @@ void write_animated(const Job& job, Asset& asset, const std::vector<Animation>& 
   asset.animations.insert(asset.animations.end(), clips.begin(), clips.end());
   io::ExportOptions options;
   options.influences = std::max<std::size_t>(4, asset.skin.largest_row());
-  io::write_gltf(job.file, asset, options);
+  io::write_rigged(job.file, asset, options);
 }
 
 void draw(const AnimateRequest& request, const Job& job, bool several, const Asset& asset, const Animation& clip) {

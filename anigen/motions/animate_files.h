@@ -12,7 +12,8 @@ namespace anigen::motions {
 /// Rigged files to animate.
 struct AnimateRequest {
   std::filesystem::path assets;      ///< .glb .gltf .fbx .dae, or a folder of them
-  std::filesystem::path out;         ///< a file for a file, a folder for a folder: the same path below it, .glb each
+  std::filesystem::path out;         ///< a file for a file, a folder for a folder: the same path below it
+  std::string format = "glb";        ///< of the files in a folder, one of io::rigged_format_words()
   std::vector<std::string> motions;  ///< words of built_in_motions() and FILE[#CLIP]
   bool t_pose = false;               ///< a clip of one frame, before the motions
   bool keep_clips = true;            ///< clips that a file has stay, before the new ones
@@ -41,7 +42,8 @@ struct AnimateReport {
 
 /// Animates every asset. One that fails is reported and does not stop the others; files are written by rename.
 /// @throws InputError for options out of range, a motion that is neither a word nor a file, nothing to read, or a
-/// result that would replace an input, before any work; WriteError when the disk refuses; Interrupted after Ctrl-C
+/// result that would replace an input or whose extension is no format for assets, before any work; WriteError when the
+/// disk refuses; Interrupted after Ctrl-C
 std::vector<AnimateReport> animate_files(const AnimateRequest& request);
 
 Json to_json(const std::vector<AnimateReport>& reports);

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <utility>
 
+#include "anigen/asset/joint_side.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/text.h"
@@ -137,20 +137,36 @@ void mend_parents(Figure& figure, const Affinity& affinity) {
   }
 }
 
+/// Joints that names tell to be left and right of each other: those that only the side tells apart, else those that a
+/// number at the end tells apart, too. Names that several joints have tell nothing.
+std::vector<std::array<int, 2>> named_pairs(const std::vector<std::string>& names) {
+  constexpr int kNone = -1, kSeveral = -2;
+  std::vector<SidedName> sided;
+  for (const std::string& name : names) sided.push_back(side_of_name(name));
+  std::vector<std::array<int, 2>> pairs;
+  std::vector<char> is_paired(names.size(), 0);
+  for (std::string SidedName::*key : {&SidedName::rest, &SidedName::stem}) {
+    std::map<std::string, std::array<int, 2>> by_key;
+    for (std::size_t j = 0; j < names.size(); ++j) {
+      if (sided[j].side == 0 || is_paired[j] != 0) continue;
+      auto& pair = by_key.try_emplace(sided[j].*key, std::array<int, 2>{kNone, kNone}).first->second;
+      int& place = pair[sided[j].side > 0 ? 0 : 1];
+      place = place == kNone ? static_cast<int>(j) : kSeveral;
+    }
+    for (const auto& [name, pair] : by_key) {
+      if (pair[0] < 0 || pair[1] < 0) continue;
+      pairs.push_back(pair);
+      is_paired[at(pair[0])] = is_paired[at(pair[1])] = 1;
+    }
+  }
+  return pairs;
+}
+
 /// The nearest joint at the mirrored place, if both are each other's; the joint itself on the plane.
 void set_mirrors(Figure& figure) {
   const std::size_t count = figure.joints();
   figure.mirror.assign(count, -1);
-  std::map<std::string, std::array<int, 2>> named;
-  for (std::size_t j = 0; j < count; ++j) {
-    const NamedSide name = side_of_name(figure.names[j]);
-    if (name.side == 0) continue;
-    auto& pair = named.try_emplace(name.rest, std::array<int, 2>{-1, -1}).first->second;
-    int& place = pair[name.side > 0 ? 0 : 1];
-    place = place == -1 ? static_cast<int>(j) : -2;  // a name twice tells nothing
-  }
-  for (const auto& [rest, pair] : named) {
-    if (pair[0] < 0 || pair[1] < 0) continue;
+  for (const auto& pair : named_pairs(figure.names)) {
     figure.mirror[at(pair[0])] = pair[1];
     figure.mirror[at(pair[1])] = pair[0];
   }
@@ -215,18 +231,10 @@ double front_evidence(const Figure& figure, const Vector3d& forward) {
 
 void set_directions(Figure& figure) {
   const Vector3d up = Vector3d::UnitZ();
-  std::map<std::string, std::array<int, 2>> named;
-  for (std::size_t j = 0; j < figure.joints(); ++j) {
-    const NamedSide name = side_of_name(figure.names[j]);
-    if (name.side != 0)
-      named.try_emplace(name.rest, std::array<int, 2>{-1, -1}).first->second[name.side > 0 ? 0 : 1] =
-          static_cast<int>(j);
-  }
   Vector3d sum = Vector3d::Zero();
   double apart = 0.0, middle = 0.0;
   int pairs = 0;
-  for (const auto& [rest, pair] : named) {
-    if (pair[0] < 0 || pair[1] < 0) continue;
+  for (const auto& pair : named_pairs(figure.names)) {
     Vector3d across = figure.tree.positions[at(pair[0])] - figure.tree.positions[at(pair[1])];
     across.z() = 0.0;
     if (across.norm() < 0.02 * figure.size) continue;
@@ -319,26 +327,6 @@ double Figure::lowest(const std::vector<int>& joints) const {
     for (const Vector3d& p : surface[at(j)]) result = std::min(result, p.z());
   }
   return result;
-}
-
-NamedSide side_of_name(const std::string& name) {
-  const std::string lower = lower_case(name);
-  for (const auto& [word, side] : {std::pair<std::string, int>{"left", 1}, {"right", -1}}) {
-    const std::size_t found = lower.find(word);
-    if (found != std::string::npos) return {side, lower.substr(0, found) + lower.substr(found + word.size())};
-  }
-  for (std::size_t i = 0; i < name.size(); ++i) {
-    const auto is_letter = [&](std::size_t k) {
-      return k < name.size() && std::isalnum(static_cast<unsigned char>(name[k])) != 0;
-    };
-    const char letter = lower[i];
-    if (letter != 'l' && letter != 'r') continue;
-    const bool alone = (i == 0 || !is_letter(i - 1)) && !is_letter(i + 1);
-    const bool capital_end = name[i] != letter && i > 0 && i + 1 == name.size() &&
-                             std::islower(static_cast<unsigned char>(name[i - 1])) != 0;
-    if (alone || capital_end) return {letter == 'l' ? 1 : -1, lower.substr(0, i) + lower.substr(i + 1)};
-  }
-  return {0, lower};
 }
 
 bool name_says(const std::string& name, const std::vector<std::string>& words) {

@@ -40,13 +40,6 @@ struct Figure {
   double lowest(const std::vector<int>& joints) const;
 };
 
-/// Side that a joint's name clearly tells: "UpperArm.L", "b_LeftLeg01", "thigh_r".
-struct NamedSide {
-  int side = 0;      ///< 1 left, -1 right, 0 neither
-  std::string rest;  ///< the name in small letters without the side
-};
-NamedSide side_of_name(const std::string& name);
-
 /// True when the name has one of the words in it, whatever the case of its letters.
 bool name_says(const std::string& name, const std::vector<std::string>& words);
 

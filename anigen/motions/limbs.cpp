@@ -8,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "anigen/asset/joint_side.h"
 #include "anigen/core/numeric.h"
 
 namespace anigen::motions {
@@ -82,8 +83,8 @@ class Analysis {
         const bool paired = mirrored >= 0 && mirrored != j;
         const bool beside = mirrored < 0 && std::abs(aside(j)) > 0.05 * figure_.size;
         if (paired || beside) lateral_[at(j)] = aside(j) >= 0.0 ? 1 : -1;
-        const NamedSide named = side_of_name(figure_.names[at(j)]);
-        if (paired && named.side != 0 && std::abs(aside(j)) < 0.01 * figure_.size) lateral_[at(j)] = named.side;
+        const int named = side_of_name(figure_.names[at(j)]).side;
+        if (paired && named != 0 && std::abs(aside(j)) < 0.01 * figure_.size) lateral_[at(j)] = named;
       }
     }
   }

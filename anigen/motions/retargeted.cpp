@@ -182,6 +182,23 @@ JointMotions posed(const Body& body, const metrics::MotionFrame& frame, const st
   return result;
 }
 
+/// Lowest z of the surface over all poses, every vertex moved by the joint that holds it most.
+double lowest_surface(const Figure& figure, const std::vector<JointMotions>& poses) {
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const JointMotions& pose : poses) {
+    for (std::size_t j = 0; j < figure.joints(); ++j) {
+      for (const Vector3d& p : figure.surface[j]) lowest = std::min(lowest, pose[j](p).z());
+    }
+  }
+  return lowest;
+}
+
+void raise(double by, std::vector<JointMotions>& poses) {
+  for (JointMotions& pose : poses) {
+    for (metrics::RigidMotion& one : pose) one.shift.z() += by;
+  }
+}
+
 /// Frames in which feet of the source stand: low, and nearly at rest.
 std::vector<FootContact> standing_feet(const Body& target, const Body& source, const metrics::Motion& motion) {
   std::vector<FootContact> result;
@@ -252,6 +269,11 @@ Retargeted retarget_to(const Body& body, const SourceClip& clip) {
     const metrics::Motion moved = metrics::retarget_freely(source, body.figure.tree);
     for (const metrics::MotionFrame& frame : moved.frames)
       result.motion.poses.push_back(metrics::rigid_motions(moved.joints, frame));
+    const double below = body.figure.box.low.z() - lowest_surface(body.figure, result.motion.poses);
+    if (below > 0.0) {
+      raise(below, result.motion.poses);
+      result.raised = below / body.figure.height;
+    }
     return result;
   }
   result.by_limbs = true;
@@ -271,9 +293,7 @@ Retargeted retarget_to(const Body& body, const SourceClip& clip) {
     }
     result.motion.poses.push_back(std::move(pose));
   }
-  for (JointMotions& pose : result.motion.poses) {
-    for (metrics::RigidMotion& one : pose) one.shift.z() += ground - lowest;
-  }
+  raise(ground - lowest, result.motion.poses);
   result.motion.contacts = standing_feet(body, clip.body, clip.motion);
   result.standing = keep_feet(body, result.motion);
   return result;

@@ -17,6 +17,7 @@ struct Retargeted {
   BodyMotion motion;
   bool by_limbs = false;     ///< limb to limb; else bones were matched by transport (metrics::retarget_freely())
   std::size_t standing = 0;  ///< frames in which some foot was held where it stood
+  double raised = 0.0;       ///< what all frames were moved up by, so that none sinks below the ground, in heights
 };
 
 /// Transfers a motion to a body of other proportions, joints and bind pose.
@@ -28,7 +29,8 @@ struct Retargeted {
 /// stand in the source stand in the result (keep_feet()). The source is turned about the vertical to face as the body
 /// does.
 ///
-/// Other bodies take it as metrics::retarget_freely() has it.
+/// Other bodies take it as metrics::retarget_freely() has it, raised where a frame would sink below the ground that the
+/// bind pose stands on.
 /// @throws InputError as these
 Retargeted retarget_to(const Body& body, const SourceClip& source);
 

@@ -107,19 +107,19 @@ bool names_helper(const std::string& name) {
 
 NamedBone named_bone(const std::string& name) {
   if (names_helper(name)) return {};
-  const auto sided = side_of_name(name);
-  // Without the side, but with the upper case that tells words apart.
+  const SidedName sided = side_of_name(name);
+  // Without the side; a name without one keeps the upper case that tells words apart.
   std::string body;
-  for (const std::string& word : words_of_name(sided ? sided->second : name)) {
+  for (const std::string& word : words_of_name(sided.side != 0 ? sided.stem : name)) {
     if (!says_nothing(word)) body += word;
   }
-  if (!sided) {
+  if (sided.side == 0) {
     if (body == "hips" || body == "hip" || body == "pelvis") return {Kind::kCentral, HumanBone::kHips, 0};
     if (body == "neck") return {Kind::kCentral, HumanBone::kNeck, 0};
     if (body == "head") return {Kind::kCentral, HumanBone::kHead, 0};
     return {};
   }
-  const int side = sided->first > 0 ? 0 : 1;
+  const int side = sided.side > 0 ? 0 : 1;
   const auto limb = limb_words().find(body);
   if (limb != limb_words().end()) return {Kind::kLimb, limb->second, side};
   const int finger = finger_of(body);

@@ -43,6 +43,12 @@ cp "$work/post.glb" "$work/in/deep/one.glb"
 cp "$work/post.glb" "$work/in/two.glb"
 expect 0 "two.glb" anigen-animate "$work/in" -o "$work/out"
 [ -f "$work/out/deep/one.glb" ] || fail "a folder gives no folder"
+expect 0 "two.fbx" anigen-animate "$work/in" -o "$work/out" --format fbx
+[ -f "$work/out/deep/one.fbx" ] || fail "no FBX in a folder"
+expect 0 "spin" anigen-animate "$work/idle.glb" -o "$work/moves.fbx" --motion spin
+expect 0 "spin" anigen-animate "$work/moves.fbx" --list
+expect 0 "idle" anigen-animate "$work/moves.fbx" --list
+expect 0 "spin" anigen-animate "$work/moves.fbx" -o "$work/moves.usdz" --motion spin
 printf 'broken' >"$work/in/three.glb"
 expect 1 "1 of 3 assets were not animated" anigen-animate "$work/in" -o "$work/out"
 expect 0 "three.glb" anigen-animate "$work/in" -o "$work/out" --keep-going
@@ -55,5 +61,7 @@ expect 2 "none.bvh" anigen-animate "$work/post.glb" -o "$work/none.glb" --motion
 expect 2 "a rigged asset is a .glb" anigen-animate "$work/post.obj" -o "$work/none.glb"
 expect 2 "--output" anigen-animate "$work/post.glb"
 expect 2 "post.glb" anigen-animate "$work/post.glb" -o "$work/post.glb"
+expect 2 "an animated asset is a .glb" anigen-animate "$work/post.glb" -o "$work/none.stl"
+expect 2 "--format" anigen-animate "$work/post.glb" -o "$work/none.fbx" --format fbx
 [ ! -e "$work/none.glb" ] || fail "a failed run leaves a file"
 exit $((failures > 0))

@@ -95,14 +95,11 @@ TEST(Limbs, FeetThatTheRootCarriesHangOnTheShin) {
   EXPECT_EQ(body.leg_pairs().size(), 1U);
 }
 
-TEST(Limbs, SidesOfNames) {
-  EXPECT_EQ(side_of_name("UpperArm.L").side, 1);
-  EXPECT_EQ(side_of_name("b_RightLeg01_019").side, -1);
-  EXPECT_EQ(side_of_name("thigh_r").side, -1);
-  EXPECT_EQ(side_of_name("legL").side, 1);
-  EXPECT_EQ(side_of_name("tail").side, 0);
-  EXPECT_EQ(side_of_name("LowerLeg").side, 0);
-  EXPECT_EQ(side_of_name("Foot.L").rest, side_of_name("Foot.R").rest);
+TEST(Limbs, PairsByNamesWhoseNumbersDiffer) {
+  Asset asset = test::made_biped();
+  const std::vector<int> mirror = figure_of(asset).mirror;
+  for (std::size_t j = 0; j < asset.skeleton.size(); ++j) asset.skeleton.names[j] += "_0" + std::to_string(j);
+  EXPECT_EQ(figure_of(asset).mirror, mirror);
 }
 
 TEST(Limbs, RefuseWhatHasNoRig) {

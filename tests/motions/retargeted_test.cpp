@@ -1,8 +1,10 @@
 #include "anigen/motions/retargeted.h"
 
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -92,6 +94,25 @@ TEST(Retargeting, OtherBodiesTakeItByTransport) {
   Asset animated = target;
   animated.animations = {to_clip(moved.motion, target.skeleton)};
   EXPECT_TRUE(validate(animated).empty());
+}
+
+TEST(Retargeting, NothingSinksBelowTheGround) {
+  const Asset source = test::made_biped(), target = test::made_quadruped();
+  SourceClip clip = as_source(source, make_motion(analyse(source), "walk"), 10);
+  for (std::size_t f = 5; f < clip.motion.frames.size(); ++f) {
+    for (Eigen::Vector3d& shift : clip.motion.frames[f].shifts) shift.z() -= clip.body.figure.height;
+  }
+  const Body body = analyse(target);
+  const Retargeted moved = retarget_to(body, clip);
+  EXPECT_GT(moved.raised, 0.1);
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const JointMotions& pose : moved.motion.poses) {
+    for (std::size_t v = 0; v < target.mesh.vertices.size(); ++v) {
+      const auto joint = at(target.skin.row(v)[0].joint);
+      lowest = std::min(lowest, pose[joint](target.mesh.vertices[v].cast<double>()).z());
+    }
+  }
+  EXPECT_NEAR(lowest, body.figure.box.low.z(), 1e-5 * body.figure.height);
 }
 
 TEST(Retargeting, ClipsAreReadAtTheirOwnLength) {
