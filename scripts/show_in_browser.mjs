@@ -6,20 +6,14 @@
 // Fails when the page reports an error, when there is no skinned mesh, or when posing moves no vertex. Exit code 77:
 // Chromium or the npm package "three" is not installed. The package is looked for in the folders of NODE_PATH and in
 // node_modules beside the current folder.
-import {spawn} from 'node:child_process';
 import {existsSync, readFileSync, writeFileSync, mkdtempSync, rmSync} from 'node:fs';
 import http from 'node:http';
 import os from 'node:os';
 import path from 'node:path';
 
-import {chromium} from './chromium.mjs';
+import {chromium, openHeadless, threeFolder} from './chromium.mjs';
 
 const kSeconds = 120;
-
-function threeFolder() {
-  const folders = [...(process.env.NODE_PATH ?? '').split(path.delimiter), path.join(process.cwd(), 'node_modules')];
-  return folders.filter((f) => f !== '').map((f) => path.join(f, 'three')).find((f) => existsSync(path.join(f, 'build')));
-}
 
 const kPage = `<!doctype html><body style="margin:0"><canvas id="c" width="1280" height="640"></canvas>
 <script type="importmap">{"imports": {"three": "/three/build/three.module.js"}}</script>
@@ -134,8 +128,7 @@ const server = serve(three, asset, (result) => {
 });
 server.listen(0, '127.0.0.1', () => {
   const url = `http://127.0.0.1:${server.address().port}/`;
-  child = spawn(browser, ['--headless=new', '--no-sandbox', '--disable-gpu-sandbox', '--use-angle=swiftshader',
-                          '--enable-unsafe-swiftshader', '--no-first-run', `--user-data-dir=${profile}`, url], {stdio: 'ignore'});
+  child = openHeadless(browser, profile, url);
   child.on('error', (error) => { console.error(String(error)); finish(1); });
 });
 setTimeout(() => { console.error(`${asset}: the page gave no answer in ${kSeconds} s`); finish(1); }, kSeconds * 1000);
