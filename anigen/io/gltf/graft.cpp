@@ -386,18 +386,29 @@ class Grafter {
 
   void add_skins() {
     std::vector<std::string> skins;
+    const auto add = [&](bool of_file) {
+      for (PlannedSkin& skin : skins_) {
+        if (!is_longer(skin) || (skin.old >= 0) != of_file) continue;
+        skin.index = static_cast<int>(skins.size());
+        skins.push_back(text_of(skin_json(skin)));
+      }
+    };
+    // Blender's importer takes the rest pose of a joint from the last skin that has it. That has to be one of the file:
+    // the inverse bind matrices of parts without a skin hold the transforms of their nodes, too.
+    add(false);
+    const std::size_t before = skins.size();
     std::vector<int> renumbered(document_.skins.size(), -1);
     for (std::size_t s = 0; s < renumbered.size(); ++s) {
       if (!is_own_ && !is_kept(static_cast<int>(s))) continue;
       renumbered[s] = static_cast<int>(skins.size());
       skins.emplace_back(file_.text().text(file_.original("skins", s)));
     }
-    const std::size_t kept = skins.size();
     for (PlannedSkin& skin : skins_) {
-      skin.index = is_longer(skin) ? static_cast<int>(skins.size()) : skin.old;
-      if (is_longer(skin)) skins.push_back(text_of(skin_json(skin)));
+      if (!is_longer(skin)) skin.index = renumbered[at(skin.old)];
     }
-    if (kept == renumbered.size()) {
+    const std::size_t kept = skins.size() - before;
+    add(true);
+    if (kept == renumbered.size() && (before == 0 || kept == 0)) {
       for (std::size_t s = kept; s < skins.size(); ++s) file_.add("skins", std::move(skins[s]));
       return;
     }

@@ -454,6 +454,13 @@ TEST_F(Graft, AMeshOnAJointStaysOnIt) {
   EXPECT_EQ(graft(own.skeleton, cyclic_weights(own.mesh.vertices.size(), 2)).bound_nodes, 2u);
   const ParsedGltf before(folder_ / "in.glb"), after(folder_ / "out.glb");
   EXPECT_TRUE(after.json["nodes"][3].contains("skin"));
+  // Blender takes the rest pose of a joint from the last skin that has it, which has to be the file's own.
+  ASSERT_EQ(after.json["skins"].size(), 2u);
+  EXPECT_EQ(after.json["skins"][1], before.json["skins"][0]);
+  for (std::size_t n = 0; n < before.json["nodes"].size(); ++n) {
+    if (!before.json["nodes"][n].contains("skin")) continue;
+    EXPECT_EQ(after.json["nodes"][n]["skin"], 1);
+  }
   const auto placed = placed_vertices(before), again = placed_vertices(after);
   for (const auto& [place, points] : placed) {
     for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
