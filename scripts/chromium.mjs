@@ -1,6 +1,7 @@
 // Chromium and three.js for the scripts that open pages.
 import {spawn} from 'node:child_process';
-import {existsSync} from 'node:fs';
+import {existsSync, readFileSync} from 'node:fs';
+import http from 'node:http';
 import path from 'node:path';
 
 // Path of Chromium or Chrome; undefined when neither is installed.
@@ -21,4 +22,24 @@ export function threeFolder() {
 export function openHeadless(browser, profile, url) {
   return spawn(browser, ['--headless=new', '--no-sandbox', '--disable-gpu-sandbox', '--use-angle=swiftshader',
                          '--enable-unsafe-swiftshader', '--no-first-run', `--user-data-dir=${profile}`, url], {stdio: 'ignore'});
+}
+
+const kTypes = {'.js': 'text/javascript', '.wasm': 'application/wasm', '.glb': 'model/gltf-binary'};
+
+// An HTTP server of one page, of three.js below /three/, and of the files that fileOf(url) names (undefined: none). What
+// the page sends to /report, as JSON, goes to report().
+export function servePage(page, three, fileOf, report) {
+  return http.createServer((request, response) => {
+    const url = decodeURIComponent(request.url.split('?')[0]);
+    if (url === '/report') {
+      let body = '';
+      request.on('data', (part) => body += part);
+      request.on('end', () => { response.end(); report(JSON.parse(body)); });
+      return;
+    }
+    if (url === '/') return response.writeHead(200, {'content-type': 'text/html'}).end(page);
+    const file = url.startsWith('/three/') ? path.join(three, path.normalize(url.slice(7))) : fileOf(url);
+    if (file === undefined || !existsSync(file)) return response.writeHead(404).end();
+    response.writeHead(200, {'content-type': kTypes[path.extname(file)] ?? 'application/octet-stream'}).end(readFileSync(file));
+  });
 }

@@ -7,12 +7,11 @@
 // differs by more than 8; "surface", share of pixels that show something in the first. --pictures writes both beside
 // each other as NUMBER.png. Exit code 1 where a file cannot be shown or "differing" is more than 1 %; 77: Chromium or
 // the npm package "three" is not installed (see chromium.mjs).
-import {existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync} from 'node:fs';
-import http from 'node:http';
+import {mkdirSync, mkdtempSync, rmSync, writeFileSync} from 'node:fs';
 import os from 'node:os';
 import path from 'node:path';
 
-import {chromium, openHeadless, threeFolder} from './chromium.mjs';
+import {chromium, openHeadless, servePage, threeFolder} from './chromium.mjs';
 
 const kSecondsOfPair = 120, kMostDiffering = 0.01;
 
@@ -120,8 +119,6 @@ for (let i = 0; i < COUNT; ++i) {
 await report({done: true});
 </script>`;
 
-const kTypes = {'.js': 'text/javascript', '.wasm': 'application/wasm', '.glb': 'model/gltf-binary'};
-
 let pictures, files = process.argv.slice(2);
 if (files[0] === '--pictures') [pictures, files] = [files[1], files.slice(2)];
 if (files.length === 0 || files.length % 2 !== 0) {
@@ -163,24 +160,10 @@ const take = (result) => {
   if (pictures !== undefined && picture !== undefined)
     writeFileSync(path.join(pictures, pair + '.png'), Buffer.from(picture.split(',')[1], 'base64'));
 };
-const fileOf = (url) => {
+const server = servePage(kPage.replace('COUNT', files.length / 2), three, (url) => {
   const asset = url.match(/^\/(\d+)\/(before|after)\.glb$/);
-  if (asset !== null) return files[2 * Number(asset[1]) + (asset[2] === 'after' ? 1 : 0)];
-  return url.startsWith('/three/') ? path.join(three, path.normalize(url.slice(7))) : undefined;
-};
-const server = http.createServer((request, response) => {
-  const url = decodeURIComponent(request.url.split('?')[0]);
-  if (url === '/report') {
-    let body = '';
-    request.on('data', (part) => body += part);
-    request.on('end', () => { response.end(); take(JSON.parse(body)); });
-    return;
-  }
-  if (url === '/') return response.writeHead(200, {'content-type': 'text/html'}).end(kPage.replace('COUNT', files.length / 2));
-  const file = fileOf(url);
-  if (file === undefined || !existsSync(file)) return response.writeHead(404).end();
-  response.writeHead(200, {'content-type': kTypes[path.extname(file)] ?? 'application/octet-stream'}).end(readFileSync(file));
-});
+  return asset === null ? undefined : files[2 * Number(asset[1]) + (asset[2] === 'after' ? 1 : 0)];
+}, take);
 server.listen(0, '127.0.0.1', () => {
   child = openHeadless(browser, profile, `http://127.0.0.1:${server.address().port}/`);
   child.on('error', (error) => { console.error(String(error)); code = 1; finish(); });

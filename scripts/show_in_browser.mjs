@@ -6,12 +6,11 @@
 // Fails when the page reports an error, when there is no skinned mesh, or when posing moves no vertex. Exit code 77:
 // Chromium or the npm package "three" is not installed. The package is looked for in the folders of NODE_PATH and in
 // node_modules beside the current folder.
-import {existsSync, readFileSync, writeFileSync, mkdtempSync, rmSync} from 'node:fs';
-import http from 'node:http';
+import {writeFileSync, mkdtempSync, rmSync} from 'node:fs';
 import os from 'node:os';
 import path from 'node:path';
 
-import {chromium, openHeadless, threeFolder} from './chromium.mjs';
+import {chromium, openHeadless, servePage, threeFolder} from './chromium.mjs';
 
 const kSeconds = 120;
 
@@ -83,24 +82,6 @@ try {
 } catch (error) { await report({error: String(error)}); }
 </script>`;
 
-const kTypes = {'.js': 'text/javascript', '.glb': 'model/gltf-binary', '.html': 'text/html'};
-
-function serve(three, asset, done) {
-  return http.createServer((request, response) => {
-    const url = decodeURIComponent(request.url.split('?')[0]);
-    if (url === '/report') {
-      let body = '';
-      request.on('data', (part) => body += part);
-      request.on('end', () => { response.end(); done(JSON.parse(body)); });
-      return;
-    }
-    const file = url === '/asset.glb' ? asset : url.startsWith('/three/') ? path.join(three, path.normalize(url.slice(7))) : null;
-    if (url === '/') return response.writeHead(200, {'content-type': 'text/html'}).end(kPage);
-    if (file === null || !existsSync(file)) return response.writeHead(404).end();
-    response.writeHead(200, {'content-type': kTypes[path.extname(file)] ?? 'application/octet-stream'}).end(readFileSync(file));
-  });
-}
-
 const [asset, out] = process.argv.slice(2);
 if (out === undefined) {
   console.error('usage: node scripts/show_in_browser.mjs FILE.glb OUT.png');
@@ -117,7 +98,7 @@ const finish = (code) => {
   child?.kill('SIGKILL');
   setTimeout(() => { rmSync(profile, {recursive: true, force: true, maxRetries: 5}); process.exit(code); }, 300);
 };
-const server = serve(three, asset, (result) => {
+const server = servePage(kPage, three, (url) => url === '/asset.glb' ? asset : undefined, (result) => {
   if (result.error !== undefined) {
     console.error(asset + ': ' + result.error);
     return finish(1);
