@@ -147,6 +147,7 @@ struct Visibility {
   const geometry::RayCaster* caster;
   const std::vector<Eigen::Vector3d>* normals;
   const SurfaceParts* parts;
+  bool any_angle;
 
   /// Between a place's normal and the way to it from elsewhere; on sheets whichever side is nearer to it.
   double cosine(std::size_t place, const Eigen::Vector3d& way) const {
@@ -166,7 +167,7 @@ struct Visibility {
     const double distance = outward.norm();
     if (distance <= kSkinDepth) return true;
     if (distance > kFarthestSeen) return false;
-    if (!(cosine(place, outward) > kLeastCosine)) return false;
+    if (!any_angle && !(cosine(place, outward) > kLeastCosine)) return false;
     const std::optional<double> hit = caster->first_hit(position, -outward, std::min(kSkinDepth, 0.5 * distance));
     return !hit || *hit >= distance - kSkinDepth;
   }
@@ -210,10 +211,11 @@ std::vector<char> seeing_parts(const SurfaceParts& parts, const std::vector<Heat
   return result;
 }
 
-HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingBones>& bones, double heat) {
+HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingBones>& bones,
+                         const BoneHeatOptions& options) {
   // M (−Δ + H) w_j = M H p_j, times the areas M so that the matrix L + M H is symmetric.
   const SurfaceParts parts = surface_parts(surface);
-  const std::vector<HeatSource> sources = heat_sources(surface, parts, bones);
+  const std::vector<HeatSource> sources = heat_sources(surface, parts, bones, options.any_angle);
   const CotangentLaplacian laplacian = cotangent_laplacian(surface);
   const std::vector<char> sees = seeing_parts(parts, sources, laplacian.areas);
   HeatProblem problem;
@@ -221,7 +223,7 @@ HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingB
   std::vector<double> diagonal(sources.size(), 0.0);
   for (std::size_t p = 0; p < sources.size(); ++p) {
     const double d = std::max(sources[p].distance, kNearestSource);
-    const double full = std::max(laplacian.areas[p], kLeastArea) * heat / (d * d);  // (M H)_pp of one seen bone
+    const double full = std::max(laplacian.areas[p], kLeastArea) * options.heat / (d * d);  // (M H)_pp of one seen bone
     for (std::size_t i = 0; i < sources[p].joints.size(); ++i) {
       const bool counts = sources[p].visible[i] || sees[at(parts.of_place[p])] == 0;
       const double inflow = counts ? full : kFaintHeat * full;
@@ -276,13 +278,13 @@ std::size_t nearest_joint(const std::vector<MovingBones>& bones, const Eigen::Ve
 }  // namespace
 
 std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const SurfaceParts& parts,
-                                     std::vector<MovingBones> bones) {
+                                     std::vector<MovingBones> bones, bool any_angle) {
   const geometry::RayCaster caster(rounded(surface), surface.faces);
   for (MovingBones& joint : bones) {
     if (joint.is_tip) end_inside(joint.lines.front(), caster);
   }
   const std::vector<Eigen::Vector3d> normals = outward_normals(surface, parts);
-  const Visibility visibility{&caster, &normals, &parts};
+  const Visibility visibility{&caster, &normals, &parts, any_angle};
   std::vector<HeatSource> sources(surface.places.size());
   parallel_for(sources.size(), [&](std::size_t p) {
     const Eigen::Vector3d& place = surface.places[p];
@@ -306,6 +308,14 @@ std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const Surface
   return sources;
 }
 
+BoneHeatOptions fitted_heat(std::size_t most_influences) {
+  BoneHeatOptions options;
+  options.heat = 5.0;
+  options.any_angle = true;
+  options.most_influences = most_influences;
+  return options;
+}
+
 SkinWeights bind_by_heat(const Mesh& mesh, const Skeleton& skeleton, const BoneHeatOptions& options) {
   if (!(options.heat > 0.0 && std::isfinite(options.heat)))
     throw InputError("", "heat", "must be a finite number above 0, not " + std::to_string(options.heat));
@@ -313,7 +323,7 @@ SkinWeights bind_by_heat(const Mesh& mesh, const Skeleton& skeleton, const BoneH
   std::vector<MovingBones> bones = moving_bones(skeleton, surface);
   join_lines(bones);
   StrongestInfluences influences(surface.places.size(), bones.size(), options.most_influences);
-  if (surface.has_extent) offer_heat(heat_problem(surface, bones, options.heat), influences);
+  if (surface.has_extent) offer_heat(heat_problem(surface, bones, options), influences);
   for (std::size_t p = 0; p < surface.places.size(); ++p) {
     if (influences.empty(p)) influences.offer(p, nearest_joint(bones, surface.places[p]), 1.0F);
   }

@@ -22,16 +22,21 @@ struct HeatSource {
 /// place's normal and the way from the bone, so that of two bones that lie about as near the one below the surface wins
 /// over the one before it, such as the arm that hangs beside a hip. To see a bone is that the straight line to the
 /// nearest point of the bone meets the surface nowhere but within 0.002 of the place or of that point, and comes to the
-/// place from inside, at less than 60° to its normal. On sheets, which have no inside, the side does not matter. The
-/// made-up bone of a joint without children ends where it leaves the body. Rays are cast by Embree; runs on all
-/// threads. @return [P] @pre surface.has_extent
+/// place from inside, at less than 60° to its normal (unless `any_angle`). On sheets, which have no inside, the side
+/// does not matter. The made-up bone of a joint without children ends where it leaves the body. Rays are cast by
+/// Embree; runs on all threads. @return [P] @pre surface.has_extent
 std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const SurfaceParts& parts,
-                                     std::vector<MovingBones> bones);
+                                     std::vector<MovingBones> bones, bool any_angle = false);
 
 struct BoneHeatOptions {
-  double heat = 1.0;                ///< c > 0: higher makes weights change faster from bone to bone
+  double heat = 1.0;       ///< c > 0: higher makes weights change faster from bone to bone
+  bool any_angle = false;  ///< bones are seen from any angle to the surface, not only within 60° of its normal
   std::size_t most_influences = 4;  ///< per vertex, 0 for all
 };
+
+/// Heat that comes nearer to the weights of artists than the published constants (docs/results.md, classical riggers):
+/// c = 5, bones seen from any angle.
+BoneHeatOptions fitted_heat(std::size_t most_influences);
 
 /// Bone heat weights (Baran and Popović, "Automatic rigging and animation of 3D characters", 2007;
 /// docs/reference/riggers.md, 2, step 10): what is left of the warmth of each bone when its heat has spread over the

@@ -215,17 +215,20 @@ void refuse_lossy_outputs(const RigRequest& request, const io::ShapeSource& sour
   refuse_to_overwrite(outputs, [&] { return inputs_of(request, source, ids); });
 }
 
-/// Weights by the method's binding. Without a choice of method, a mesh whose equation of heat has no solution is bound
-/// by paths through its inside, and the note says so.
+/// Weights by the method's binding. Without a choice of method, heat is fitted_heat(), and a mesh whose equation of
+/// heat has no solution is bound by paths through its inside, and the note says so.
 SkinWeights bound(const Asset& asset, const RigRequest& request, std::string& note) {
+  const bool is_chosen = request.method.joints != JointSource::kAuto;
+  BindingOptions options = request.binding;
+  if (!is_chosen) options.heat = fitted_heat(options.heat.most_influences);
   try {
-    return bind(*request.method.binding, asset.mesh, asset.skeleton, request.binding);
+    return bind(*request.method.binding, asset.mesh, asset.skeleton, options);
   } catch (const InputError&) {
     throw;
   } catch (const Interrupted&) {
     throw;
   } catch (const Error& error) {
-    if (request.method.joints != JointSource::kAuto || request.method.binding != SkinBinding::kHeat) throw;
+    if (is_chosen || request.method.binding != SkinBinding::kHeat) throw;
     note += std::string(note.empty() ? "" : ", ") + "bound by geovoxel: " + error.what();
     return bind(SkinBinding::kGeodesicVoxels, asset.mesh, asset.skeleton, request.binding);
   }

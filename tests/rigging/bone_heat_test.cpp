@@ -120,6 +120,30 @@ TEST(BoneHeat, TheBoneBelowTheSurfaceIsNearerThanTheOneBeforeIt) {
   EXPECT_GT(checked, 5u);
 }
 
+TEST(BoneHeat, MoreOfTheSurfaceSeesBonesFromAnyAngle) {
+  const Body body = two_fingers();
+  const WeldedSurface surface = weld_surface(body.mesh);
+  const std::vector<MovingBones> bones = moving_bones(body.skeleton, surface);
+  const auto published = heat_sources(surface, surface_parts(surface), bones);
+  const auto any = heat_sources(surface, surface_parts(surface), bones, true);
+  std::size_t more = 0;
+  for (std::size_t p = 0; p < published.size(); ++p) {
+    EXPECT_EQ(published[p].joints, any[p].joints);
+    for (std::size_t i = 0; i < any[p].visible.size(); ++i) {
+      EXPECT_TRUE(any[p].visible[i] || !published[p].visible[i]);
+      if (any[p].visible[i] && !published[p].visible[i]) ++more;
+    }
+  }
+  EXPECT_GT(more, 0u);
+}
+
+TEST(BoneHeat, FittedHeatKeepsFingersApart) {
+  const Body body = two_fingers();
+  const SkinWeights weights = bind_by_heat(body.mesh, body.skeleton, fitted_heat(2));
+  EXPECT_LT(largest_bleeding(weights, body), 0.05F);
+  EXPECT_LE(weights.largest_row(), 2u);
+}
+
 TEST(MovingBones, JoinedLinesEndInTheMiddleOfTheChildren) {
   const Body body = two_fingers();
   const WeldedSurface surface = weld_surface(body.mesh);
