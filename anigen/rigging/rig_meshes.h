@@ -62,9 +62,9 @@ struct RiggingMethod {
   std::optional<SkinBinding> binding = SkinBinding::kGeodesicVoxels;  ///< nothing: joints only
 };
 
-/// "auto": joints by JointSource::kAuto, with heat; "nearest", "geovoxel", "heat": that binding to given joints;
-/// "template": with the nearest bone, as a baseline that looks at nothing; "curve": with geodesic voxels; "pinocchio":
-/// with heat, as published.
+/// "auto": joints by JointSource::kAuto, with fitted_heat(); "nearest", "geovoxel", "heat": that binding to given
+/// joints; "template": with the nearest bone, as a baseline that looks at nothing; "curve": with geodesic voxels;
+/// "pinocchio": with heat, as published.
 /// @param skin "": as above; "none": joints only; or the word of a binding
 /// @throws InputError for another word, naming all of them
 RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin = "");
@@ -129,7 +129,7 @@ struct RigRequest {
   std::string format = "glb";  ///< of io::rigged_format_words(): of the files in a folder, <id>.<format> each
   RiggingMethod method;        ///< without a binding each file holds the skeleton alone, as a solid
   JointOptions joints;
-  BindingOptions binding;
+  BindingOptions binding;  ///< of its heat, JointSource::kAuto takes the number of influences alone
   EngineOptions engine;
   VrmMeta vrm;  ///< of a .vrm; its name is the id
   LearnedSteps learned;
