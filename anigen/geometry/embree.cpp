@@ -77,6 +77,12 @@ RayCaster::RayCaster(const std::vector<Eigen::Vector3f>& vertices, const std::ve
 
 std::optional<double> RayCaster::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                            double nearest) const {
+  const std::optional<Hit> hit = first_face(origin, direction, nearest);
+  return hit ? std::optional(hit->distance) : std::nullopt;
+}
+
+std::optional<RayCaster::Hit> RayCaster::first_face(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                                    double nearest) const {
   if (!origin.allFinite()) throw InputError("", "ray", "its origin is not finite");
   // stableNorm: the length of a tiny or huge direction is still right.
   const double length = direction.allFinite() ? direction.stableNorm() : 0.0;
@@ -85,7 +91,7 @@ std::optional<double> RayCaster::first_hit(const Eigen::Vector3d& origin, const 
   RTCRayHit query = embree_ray(origin.cast<float>(), (direction / length).cast<float>(), static_cast<float>(nearest));
   embree_intersect(mesh_->scene(), query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
-  return static_cast<double>(query.ray.tfar);
+  return Hit{static_cast<double>(query.ray.tfar), query.hit.primID};
 }
 
 }  // namespace anigen::geometry

@@ -125,6 +125,14 @@ class RayCaster {
   std::optional<double> first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                   double nearest = 0.0) const;
 
+  struct Hit {
+    double distance;
+    std::size_t face;  ///< index of the mesh's faces
+  };
+  /// The face that first_hit() hits.
+  std::optional<Hit> first_face(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                double nearest = 0.0) const;
+
  private:
   std::shared_ptr<const EmbreeMesh> mesh_;
 };

@@ -90,6 +90,8 @@ constexpr double kSkinDepth = 0.002;   ///< how deep below the surface things st
 constexpr double kLeastCosine = 0.5;   ///< between the way from the bone and the normal
 constexpr double kLeastFacing = 0.05;  ///< a bone behind the surface is at most so many times farther: 1 / 0.05
 constexpr double kFarthestSeen = 1e3;  ///< rays are in single precision
+constexpr double kGrazing = 1e-5;      ///< of a way, at both ends, where it meets nothing (Blender's margin)
+constexpr double kPastFace = 1e-6;     ///< the least step from one face to the next
 
 std::vector<Eigen::Vector3f> rounded(const WeldedSurface& surface) {
   std::vector<Eigen::Vector3f> vertices;
@@ -128,6 +130,54 @@ void end_inside(BoneLine& line, const geometry::RayCaster& caster) {
   }
 }
 
+/// Parts that were wound inward: closed, and of a negative volume. A curved sheet has the side that it was given.
+std::vector<char> inward_parts(const WeldedSurface& surface, const SurfaceParts& parts) {
+  std::vector<std::array<std::int32_t, 2>> edges;
+  edges.reserve(3 * surface.faces.size());
+  for (const Triangle& face : surface.faces) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto [low, high] = std::minmax(face[k], face[(k + 1) % 3]);
+      edges.push_back({low, high});
+    }
+  }
+  std::sort(edges.begin(), edges.end());
+  std::vector<char> inward(parts.size());
+  for (std::size_t part = 0; part < inward.size(); ++part) inward[part] = parts.volumes[part] < 0.0;
+  for (std::size_t e = 0; e < edges.size();) {
+    const auto end = std::upper_bound(edges.begin() + static_cast<std::ptrdiff_t>(e), edges.end(), edges[e]);
+    const auto next = static_cast<std::size_t>(end - edges.begin());
+    if (next == e + 1) inward[at(parts.of_place[at(edges[e][0])])] = 0;
+    e = next;
+  }
+  return inward;
+}
+
+/// Of a face, out of its part as far as that is closed.
+Eigen::Vector3d front_normal(const WeldedSurface& surface, const SurfaceParts& parts, const std::vector<char>& inward,
+                             const Triangle& face) {
+  const Eigen::Vector3d &a = surface.places[at(face[0])], &b = surface.places[at(face[1])],
+                        &c = surface.places[at(face[2])];
+  return inward[at(parts.of_place[at(face[0])])] != 0 ? (c - a).cross(b - a) : (b - a).cross(c - a);
+}
+
+/// Of every place: means of the faces around it by their angles, which do not depend on how a flat side is cut into
+/// triangles. Blender counts every face once.
+std::vector<Eigen::Vector3d> mean_normals(const WeldedSurface& surface, const SurfaceParts& parts,
+                                          const std::vector<char>& inward) {
+  std::vector<Eigen::Vector3d> normals(surface.places.size(), Eigen::Vector3d::Zero());
+  for (const Triangle& face : surface.faces) {
+    const Eigen::Vector3d normal = front_normal(surface, parts, inward, face).stableNormalized();
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Eigen::Vector3d& corner = surface.places[at(face[k])];
+      const Eigen::Vector3d to_next = surface.places[at(face[(k + 1) % 3])] - corner;
+      const Eigen::Vector3d to_last = surface.places[at(face[(k + 2) % 3])] - corner;
+      normals[at(face[k])] += std::atan2(to_next.cross(to_last).norm(), to_next.dot(to_last)) * normal;
+    }
+  }
+  for (Eigen::Vector3d& normal : normals) normal.stableNormalize();
+  return normals;
+}
+
 /// The point of a joint's lines nearest to another.
 Eigen::Vector3d nearest_point(const MovingBones& joint, const Eigen::Vector3d& place) {
   Eigen::Vector3d nearest = joint.lines.front().start;
@@ -145,16 +195,19 @@ Eigen::Vector3d nearest_point(const MovingBones& joint, const Eigen::Vector3d& p
 
 struct Visibility {
   const geometry::RayCaster* caster;
+  const WeldedSurface* surface;
   const std::vector<Eigen::Vector3d>* normals;
   const SurfaceParts* parts;
-  bool any_angle;
+  const std::vector<char>& inward;
+  HeatForm form;
 
   /// Between a place's normal and the way to it from elsewhere; on sheets whichever side is nearer to it.
   double cosine(std::size_t place, const Eigen::Vector3d& way) const {
     const double length = way.norm();
     if (!(length > 0.0)) return 1.0;
     const double cosine = (*normals)[place].dot(way) / length;
-    return parts->encloses_space(at(parts->of_place[place])) ? cosine : std::abs(cosine);
+    const bool has_sides = form == HeatForm::kBlender || parts->encloses_space(at(parts->of_place[place]));
+    return has_sides ? cosine : std::abs(cosine);
   }
 
   /// Distance from a bone as the surface faces.
@@ -167,9 +220,22 @@ struct Visibility {
     const double distance = outward.norm();
     if (distance <= kSkinDepth) return true;
     if (distance > kFarthestSeen) return false;
-    if (!any_angle && !(cosine(place, outward) > kLeastCosine)) return false;
+    if (form == HeatForm::kBlender) return !enters(position, -outward);
+    if (!(cosine(place, outward) > kLeastCosine)) return false;
     const std::optional<double> hit = caster->first_hit(position, -outward, std::min(kSkinDepth, 0.5 * distance));
     return !hit || *hit >= distance - kSkinDepth;
+  }
+
+  /// True when the way to a bone meets the front of a face.
+  bool enters(const Eigen::Vector3d& start, const Eigen::Vector3d& way) const {
+    const double distance = way.norm(), margin = kGrazing * distance;
+    for (double reached = margin; reached < distance - margin;) {
+      const std::optional<geometry::RayCaster::Hit> hit = caster->first_face(start, way, reached);
+      if (!hit || hit->distance >= distance - margin) return false;
+      if (front_normal(*surface, *parts, inward, surface->faces[hit->face]).dot(way) < 0.0) return true;
+      reached = hit->distance + std::max(kPastFace, margin);
+    }
+    return false;
   }
 };
 
@@ -215,17 +281,18 @@ HeatProblem heat_problem(const WeldedSurface& surface, const std::vector<MovingB
                          const BoneHeatOptions& options) {
   // M (−Δ + H) w_j = M H p_j, times the areas M so that the matrix L + M H is symmetric.
   const SurfaceParts parts = surface_parts(surface);
-  const std::vector<HeatSource> sources = heat_sources(surface, parts, bones, options.any_angle);
+  const std::vector<HeatSource> sources = heat_sources(surface, parts, bones, options.form);
   const CotangentLaplacian laplacian = cotangent_laplacian(surface);
   const std::vector<char> sees = seeing_parts(parts, sources, laplacian.areas);
   HeatProblem problem;
   problem.inflows.resize(bones.size());
   std::vector<double> diagonal(sources.size(), 0.0);
   for (std::size_t p = 0; p < sources.size(); ++p) {
-    const double d = std::max(sources[p].distance, kNearestSource);
+    const bool is_blender = options.form == HeatForm::kBlender;
+    const double d = std::max(is_blender ? sources[p].measure : sources[p].distance, kNearestSource);
     const double full = std::max(laplacian.areas[p], kLeastArea) * options.heat / (d * d);  // (M H)_pp of one seen bone
     for (std::size_t i = 0; i < sources[p].joints.size(); ++i) {
-      const bool counts = sources[p].visible[i] || sees[at(parts.of_place[p])] == 0;
+      const bool counts = sources[p].visible[i] || (!is_blender && sees[at(parts.of_place[p])] == 0);
       const double inflow = counts ? full : kFaintHeat * full;
       problem.inflows[at(sources[p].joints[i])].push_back({static_cast<std::int32_t>(p), inflow});
       diagonal[p] += inflow;
@@ -278,13 +345,15 @@ std::size_t nearest_joint(const std::vector<MovingBones>& bones, const Eigen::Ve
 }  // namespace
 
 std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const SurfaceParts& parts,
-                                     std::vector<MovingBones> bones, bool any_angle) {
+                                     std::vector<MovingBones> bones, HeatForm form) {
   const geometry::RayCaster caster(rounded(surface), surface.faces);
   for (MovingBones& joint : bones) {
-    if (joint.is_tip) end_inside(joint.lines.front(), caster);
+    if (joint.is_tip && form == HeatForm::kPublished) end_inside(joint.lines.front(), caster);
   }
-  const std::vector<Eigen::Vector3d> normals = outward_normals(surface, parts);
-  const Visibility visibility{&caster, &normals, &parts, any_angle};
+  const std::vector<char> inward = inward_parts(surface, parts);
+  const std::vector<Eigen::Vector3d> normals =
+      form == HeatForm::kBlender ? mean_normals(surface, parts, inward) : outward_normals(surface, parts);
+  const Visibility visibility{&caster, &surface, &normals, &parts, inward, form};
   std::vector<HeatSource> sources(surface.places.size());
   parallel_for(sources.size(), [&](std::size_t p) {
     const Eigen::Vector3d& place = surface.places[p];
@@ -298,6 +367,7 @@ std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const Surface
     }
     HeatSource& source = sources[p];
     const auto least = std::min_element(measures.begin(), measures.end());
+    source.measure = *least;
     source.distance = (place - points[static_cast<std::size_t>(least - measures.begin())]).norm();
     for (std::size_t j = 0; j < bones.size(); ++j) {
       if (measures[j] > kEquallyNear * *least) continue;
@@ -310,8 +380,8 @@ std::vector<HeatSource> heat_sources(const WeldedSurface& surface, const Surface
 
 BoneHeatOptions fitted_heat(std::size_t most_influences) {
   BoneHeatOptions options;
-  options.heat = 5.0;
-  options.any_angle = true;
+  options.heat = 4.0;
+  options.form = HeatForm::kBlender;
   options.most_influences = most_influences;
   return options;
 }

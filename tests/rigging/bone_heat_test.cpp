@@ -120,21 +120,39 @@ TEST(BoneHeat, TheBoneBelowTheSurfaceIsNearerThanTheOneBeforeIt) {
   EXPECT_GT(checked, 5u);
 }
 
-TEST(BoneHeat, MoreOfTheSurfaceSeesBonesFromAnyAngle) {
-  const Body body = two_fingers();
+std::size_t places_that_see(const Body& body, HeatForm form, float from_x) {
   const WeldedSurface surface = weld_surface(body.mesh);
-  const std::vector<MovingBones> bones = moving_bones(body.skeleton, surface);
-  const auto published = heat_sources(surface, surface_parts(surface), bones);
-  const auto any = heat_sources(surface, surface_parts(surface), bones, true);
-  std::size_t more = 0;
-  for (std::size_t p = 0; p < published.size(); ++p) {
-    EXPECT_EQ(published[p].joints, any[p].joints);
-    for (std::size_t i = 0; i < any[p].visible.size(); ++i) {
-      EXPECT_TRUE(any[p].visible[i] || !published[p].visible[i]);
-      if (any[p].visible[i] && !published[p].visible[i]) ++more;
-    }
+  const auto sources = heat_sources(surface, surface_parts(surface), moving_bones(body.skeleton, surface), form);
+  std::size_t count = 0;
+  for (std::size_t p = 0; p < sources.size(); ++p) {
+    if (surface.places[p].x() * surface.size + surface.center.x() < from_x) continue;
+    count += sources[p].visible == std::vector<bool>(sources[p].visible.size(), true);
   }
-  EXPECT_GT(more, 0u);
+  return count;
+}
+
+// A box beside a bone, and then a second box between the two, around the bone.
+TEST(BoneHeat, BlenderHidesABoneBehindTheFrontsOfFacesAlone) {
+  Body body;
+  append_box(body.mesh, {2.0, -0.3, -0.3}, {2.5, 0.3, 0.3}, 4);
+  body.skeleton = skeleton_from_joints({{0.0, -0.2, 0.0}, {0.0, 0.2, 0.0}}, {-1, 0});
+  const std::size_t places = weld_surface(body.mesh).places.size();
+  EXPECT_EQ(places_that_see(body, HeatForm::kBlender, 1.9F), places) << "a way out of a body is free";
+  EXPECT_LT(places_that_see(body, HeatForm::kPublished, 1.9F), places);
+  append_box(body.mesh, {-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5}, 4);
+  EXPECT_EQ(places_that_see(body, HeatForm::kBlender, 1.9F), 0u) << "a way into a body is not";
+  EXPECT_GT(places_that_see(body, HeatForm::kBlender, -1.0F), 50u) << "the box around the bone sees it";
+}
+
+TEST(BoneHeat, FittedHeatDoesNotDependOnTheWindingOfABody) {
+  Body body = two_fingers();
+  const SkinWeights outward = bind_by_heat(body.mesh, body.skeleton, fitted_heat(4));
+  for (Triangle& face : body.mesh.faces) std::swap(face[1], face[2]);
+  const SkinWeights inward = bind_by_heat(body.mesh, body.skeleton, fitted_heat(4));
+  for (std::size_t v = 0; v < outward.rows(); ++v) {
+    for (int joint = 0; joint < 5; ++joint)
+      EXPECT_NEAR(weight_of(inward, v, joint), weight_of(outward, v, joint), 1e-4) << v;
+  }
 }
 
 TEST(BoneHeat, FittedHeatKeepsFingersApart) {
