@@ -55,7 +55,7 @@ void add_tasks(std::vector<TimedTask>& tasks, const Layer& layer, const std::str
 
 // The backward pass multiplies as the forward pass did.
 Tensor mixed_convolution(const Tensor& x, const Tensor& weight, const Tensor& bias) {
-  const anigen::nn::MixedProducts scope(true);
+  const anigen::nn::MixedProducts scope(anigen::nn::MixedForm::kKernels);
   return anigen::nn::volume_convolution(x, weight, bias);
 }
 
@@ -69,9 +69,9 @@ int main(int argc, char** argv) {
   torch::manual_seed(0);
   std::vector<TimedTask> tasks;
   tasks.push_back(anigen::product_task());  // what the others are shares of
-  const anigen::nn::MixedProducts asked(true);
+  const anigen::nn::MixedProducts asked(anigen::nn::MixedForm::kKernels);
   const bool mixed = anigen::nn::mixed_products();  // not on a CPU that cannot
-  anigen::nn::set_mixed_products(false);
+  anigen::nn::set_mixed_products(anigen::nn::MixedForm::kNone);
   for (const Layer& layer : {Layer{64, 8, 8}, Layer{32, 16, 16}, Layer{16, 48, 48}, Layer{16, 48, 128}}) {
     add_tasks(tasks, layer, "library", library_convolution, torch::MemoryFormat::Contiguous);
     add_tasks(tasks, layer, "ours", anigen::nn::volume_convolution, torch::MemoryFormat::ChannelsLast3d);

@@ -140,7 +140,31 @@ double product_operations(const Tensor& rows, const Tensor& weight) {
   return 2.0 * static_cast<double>(rows.size(0)) * static_cast<double>(weight.numel());
 }
 
-// x wᵀ + b of fp32 tensors, factors rounded to bf16.
+// x wᵀ + b of fp32 tensors, factors rounded beforehand.
+class EmulatedLinear : public torch::autograd::Function<EmulatedLinear> {
+ public:
+  static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
+    const Tensor rows = rounded_factor(x).reshape({-1, weight.size(1)}), w = rounded_factor(weight);
+    context->save_for_backward({rows, w});
+    context->saved_data["shape"] = x.sizes().vec();
+    std::vector<std::int64_t> shape = x.sizes().vec();
+    shape.back() = weight.size(0);
+    return torch::addmm(bias, rows, w.t()).view(shape);
+  }
+
+  static variable_list backward(AutogradContext* context, variable_list gradients) {
+    const variable_list saved = saved_once(*context, "a linear layer");
+    const Tensor &rows = saved[0], &w = saved[1];
+    const Tensor slopes = gradients[0].reshape({-1, w.size(0)}), dy = rounded_factor(slopes);
+    Tensor dx, dw, db;
+    if (context->needs_input_grad(0)) dx = torch::mm(dy, w).view(context->saved_data["shape"].toIntVector());
+    if (context->needs_input_grad(1)) dw = torch::mm(dy.t(), rows);
+    if (context->needs_input_grad(2)) db = sum_of_rows(slopes);
+    return {dx, dw, db};
+  }
+};
+
+// x wᵀ + b of fp32 tensors, factors rounded to bf16 by the kernels.
 class MixedLinear : public torch::autograd::Function<MixedLinear> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
@@ -300,6 +324,13 @@ Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias)
   return (bias.defined() ? y + bias.to(torch::kFloat32) : y).to(x.scalar_type());
 }
 
+Tensor rounded_factor(const Tensor& x) {
+  const torch::NoGradGuard no_grad;
+  Tensor values = x.detach().clone();  // dense in memory, whatever x was
+  kernels::round_in_place(values.data_ptr<float>(), values.numel());
+  return values;
+}
+
 bool prefers_mixed_linear(const Tensor& x, const Tensor& weight) {
   const std::int64_t in = weight.size(1), out = weight.size(0);
   return mixed_products() && x.is_cpu() && dtype_of(x) == torch::kFloat32 && dtype_of(weight) == torch::kFloat32 &&
@@ -307,7 +338,8 @@ bool prefers_mixed_linear(const Tensor& x, const Tensor& weight) {
 }
 
 Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
-  return MixedLinear::apply(x, weight, bias.defined() ? bias : torch::zeros({weight.size(0)}, weight.options()));
+  const Tensor start = bias.defined() ? bias : torch::zeros({weight.size(0)}, weight.options());
+  return emulated_mixed_products() ? EmulatedLinear::apply(x, weight, start) : MixedLinear::apply(x, weight, start);
 }
 
 Tensor linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {

@@ -51,11 +51,16 @@ bool prefers_widened_linear(const Tensor& x, const Tensor& weight);
 /// undefined
 Tensor widened_linear(const Tensor& x, const Tensor& weight, const Tensor& bias);
 
-/// True when a linear layer is computed in mixed precision (mixed.h): neither width below 16, and rows enough.
+/// Every value rounded to the nearest bf16 number, as fp32: a factor of an emulated product
+/// (nn/kernels/mixed_products.h). Passes no gradient.
+Tensor rounded_factor(const Tensor& x);
+
+/// True when a linear layer is computed in mixed precision (nn/kernels/mixed_products.h): neither width below 16, and
+/// rows enough.
 bool prefers_mixed_linear(const Tensor& x, const Tensor& weight);
 
 /// torch::linear of fp32 tensors with factors rounded to bf16 and sums in fp32, its gradients likewise. Can be
-/// differentiated once; bits do not depend on the number of threads. @param bias [out] or undefined
+/// differentiated once; bits do not depend on the number of threads, unless emulated. @param bias [out] or undefined
 Tensor mixed_linear(const Tensor& x, const Tensor& weight, const Tensor& bias);
 
 /// torch::linear in the way that is fastest for these tensors: mixed_linear, widened_linear, or LibTorch's own.

@@ -56,6 +56,7 @@ struct RaggedProblem {
   std::int64_t width;                                  ///< channels rounded up for products::multiply
   std::int64_t longest_queries = 0, longest_keys = 0;  ///< of sequences that have both
   float scale;                                         ///< 1 / √D
+  bool rounds_weights = false;  ///< to bf16, as factors of emulated products (nn/kernels/mixed_products.h)
 };
 
 /// Unit of work of a thread: some heads of some queries of a sequence that has keys.

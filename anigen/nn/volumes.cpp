@@ -160,13 +160,16 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& weight, const Tensor& bias) {
     RECORD_USER_SCOPE("convolution: volumes");
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
-    const bool mixed = mixed_products();
+    const bool emulated = emulated_mixed_products(), mixed = mixed_products() && !emulated;
+    const Tensor values = emulated ? rounded_factor(channels_last(x)) : channels_last(x);
+    const Tensor factors = emulated ? rounded_factor(weight) : weight;
     Tensor padded_bias = torch::zeros({sizes.padded_out()}, x.options());
     padded_bias.narrow(0, 0, sizes.out).copy_(bias);
-    context->save_for_backward({x, weight});
+    context->save_for_backward({emulated ? values : x, factors});
     context->saved_data["mixed"] = mixed;
+    context->saved_data["emulated"] = emulated;
     count_operations(tap_operations(sizes), mixed);
-    return convolve(sizes, channels_last(x), packed_weights(sizes, weight, false, mixed), padded_bias);
+    return convolve(sizes, values, packed_weights(sizes, factors, false, mixed), padded_bias);
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
@@ -175,7 +178,8 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
     const Tensor &x = saved[0], &weight = saved[1];
     const VolumeConvolutionSizes sizes = convolution_sizes(x, weight);
     const bool mixed = context->saved_data["mixed"].toBool();  // backward as forward
-    const Tensor dy = channels_last(gradients[0]);
+    const bool emulated = context->saved_data["emulated"].toBool();
+    const Tensor slopes = channels_last(gradients[0]), dy = emulated ? rounded_factor(slopes) : slopes;
     Tensor dx;
     const int products = (context->needs_input_grad(0) ? 1 : 0) + (context->needs_input_grad(1) ? 1 : 0);
     count_operations(products * tap_operations(sizes), mixed);
@@ -187,6 +191,7 @@ class VolumeConvolution : public torch::autograd::Function<VolumeConvolution> {
     ParameterGradients parameters;
     if (context->needs_input_grad(1) || context->needs_input_grad(2))
       parameters = parameter_gradients(sizes, channels_last(x), dy, mixed);
+    if (emulated) parameters.bias = slopes.sum(c10::IntArrayRef{0, 2, 3, 4});  // no product, so nothing is rounded
     return {dx, parameters.weight, parameters.bias};
   }
 };

@@ -81,22 +81,27 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
   static Tensor forward(AutogradContext* context, const Tensor& feats, const Tensor& matrices, const Tensor& bias,
                         const Tensor& neighbours, bool subdivide) {
     RECORD_USER_SCOPE("convolution: sparse");
-    context->save_for_backward({feats, matrices, neighbours});
+    const bool rounded = nn::mixed_products() && nn::dtype_of(feats) == torch::kFloat32 && feats.is_cpu();
+    const bool emulated = rounded && nn::emulated_mixed_products(), mixed = rounded && !emulated;
+    const Tensor in = emulated ? nn::rounded_factor(feats) : feats;
+    const Tensor factors = emulated ? nn::rounded_factor(matrices) : matrices;
+    context->save_for_backward({in, factors, neighbours});
     context->saved_data["subdivide"] = subdivide;
-    const bool mixed = nn::mixed_products() && nn::dtype_of(feats) == torch::kFloat32;
     context->saved_data["mixed"] = mixed;
+    context->saved_data["emulated"] = emulated;
     const TapPlan plan = plan_of(subdivide);
     Tensor out = torch::empty({neighbours.size(1) * plan.to_children, matrices.size(2)}, matrices.options());
     out.copy_(bias);
     nn::count_operations(tap_operations(plan, neighbours, matrices), mixed);
-    add_tap_product(plan, neighbours, feats, matrices, out, mixed);
+    add_tap_product(plan, neighbours, in, factors, out, mixed);
     return out.to(nn::dtype_of(feats));
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     RECORD_USER_SCOPE("convolution: sparse");
     const torch::autograd::variable_list saved = nn::saved_once(*context, "a sparse convolution");
-    const Tensor &feats = saved[0], &matrices = saved[1], &neighbours = saved[2], &slopes = gradients[0];
+    const Tensor &feats = saved[0], &matrices = saved[1], &neighbours = saved[2], &given = gradients[0];
+    const Tensor slopes = context->saved_data["emulated"].toBool() ? nn::rounded_factor(given) : given;
     const TapPlan plan = plan_of(context->saved_data["subdivide"].toBool());
     const bool mixed = context->saved_data["mixed"].toBool();
     Tensor d_feats, d_matrices, d_bias;
@@ -108,7 +113,7 @@ class TapFunction : public torch::autograd::Function<TapFunction> {
       d_feats = sums.to(nn::dtype_of(feats));
     }
     if (context->needs_input_grad(1)) d_matrices = tap_correlation(plan, neighbours, feats, slopes, mixed);
-    if (context->needs_input_grad(2)) d_bias = nn::sum_of_rows(slopes.to(nn::dtype_of(matrices)));
+    if (context->needs_input_grad(2)) d_bias = nn::sum_of_rows(given.to(nn::dtype_of(matrices)));
     return {d_feats, d_matrices, d_bias, Tensor(), Tensor()};
   }
 };

@@ -203,7 +203,8 @@ TrainerOptions TrainerOptions::read(ConfigReader& reader) {
   f("stop_patience", options.stop_patience, {1, 1'000'000});
   f("stop_gain", options.stop_gain, {0.0, 1.0});
   f("replicas", options.replicas, {1, 256});
-  if (reader.has("precision")) f("precision", options.precision, {"fp32", "fp64", "bf16", "mixed", "fp16-published"});
+  if (reader.has("precision"))
+    f("precision", options.precision, {"fp32", "fp64", "bf16", "mixed", "mixed-emulated", "fp16-published"});
   f("compatibility", options.compatibility, {"published", "paper"});
   return options;
 }
@@ -216,12 +217,18 @@ Precision choose_precision(const TrainerOptions& options, torch::Device device, 
     precision.note =
         "precision bf16: the blocks compute in bf16, parameters are updated in fp32, losses are not scaled";
   } else if (options.precision == "mixed") {
-    precision.mixed_products = device.is_cpu() && nn::kernels::has_bf16_products();
+    const bool has_kernels = device.is_cpu() && nn::kernels::has_bf16_products();
+    if (has_kernels) precision.mixed_products = nn::MixedForm::kKernels;
     precision.tf32_products = device.is_cuda();
-    precision.note =
-        precision.mixed_products  ? "precision mixed: fp32, but for the factors of products, which are rounded to bf16"
-        : precision.tf32_products ? "precision mixed: fp32, but for the factors of products, which are rounded to tf32"
-                                  : "precision mixed: no kernels for products of bf16 numbers here, everything is fp32";
+    precision.note = has_kernels ? "precision mixed: fp32, but for the factors of products, which are rounded to bf16"
+                     : precision.tf32_products
+                         ? "precision mixed: fp32, but for the factors of products, which are rounded to tf32"
+                         : "precision mixed: no kernels for products of bf16 numbers here, everything is fp32";
+  } else if (options.precision == "mixed-emulated") {
+    if (!device.is_cpu())
+      throw NotSupportedError(file, "/trainer/args/precision", "\"mixed-emulated\" on a GPU; \"mixed\" rounds there");
+    precision.mixed_products = nn::MixedForm::kEmulated;
+    precision.note = "precision mixed, emulated: fp32, but factors of products are rounded to bf16 beforehand";
   } else if (options.precision == "fp16-published") {
     if (!device.is_cuda())
       throw NotSupportedError(file, "/trainer/args/precision", "fp16 on a CPU; use bf16, which a CPU computes faster");

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "anigen/core/config.h"
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/torch.h"
 #include "anigen/train/optimizer.h"
 
@@ -33,7 +34,8 @@ struct TrainerOptions {
   double stop_gain = 0.02;                  ///< … gain less than this share of the best before; empty: never
   std::size_t replicas = 1;                 ///< copies of the models that work on micro-batches at the same time
   std::string compatibility = "published";  ///< or "paper": which side of a documented difference to take
-  std::string precision;  ///< "fp32", "fp64", "bf16", "mixed", "fp16-published"; empty: fp16_mode decides (precision.h)
+  std::string precision;  ///< "fp32", "fp64", "bf16", "mixed", "mixed-emulated", "fp16-published"; empty: fp16_mode
+                          ///< decides (precision.h)
   torch::Dtype compute_dtype = torch::kFloat32;  ///< what that came to; not an argument
   std::int64_t before_decay = 0;  ///< step whose checkpoint is kept: the learning rate, flat for half of the run or
                                   ///< more, falls from there on; 0: none
@@ -48,11 +50,11 @@ LrSchedule read_schedule(const Json& json, std::int64_t max_steps, const std::st
 
 /// In which numbers a run computes. Masters, optimiser state and averages are fp32, but for fp64.
 struct Precision {
-  torch::Dtype compute = torch::kFloat32;  ///< of the torsos (see Stage::set_compute_dtype)
-  bool mixed_products = false;             ///< factors of products rounded to bf16 (nn/kernels/mixed_products.h)
-  bool tf32_products = false;              ///< on CUDA: rounded to tf32, which has 10 bits behind the point
-  bool loss_scaling = false;               ///< multiply losses by 2^log_scale: fp16 gradients underflow without
-  std::string note;                        ///< one line for the log
+  torch::Dtype compute = torch::kFloat32;               ///< of the torsos (see Stage::set_compute_dtype)
+  nn::MixedForm mixed_products = nn::MixedForm::kNone;  ///< whether factors of products are rounded to bf16
+  bool tf32_products = false;  ///< on CUDA: rounded to tf32, which has 10 bits behind the point
+  bool loss_scaling = false;   ///< multiply losses by 2^log_scale: fp16 gradients underflow without
+  std::string note;            ///< one line for the log
 };
 
 /// Precision that the trainer arguments `precision`, `fp16_mode` and `loss_scaling` give on a device:
@@ -64,11 +66,12 @@ struct Precision {
 /// | "fp64" | everything in fp64: for comparing ways to sum, stages 1, 4 and 5 | the same |
 /// | "bf16" | torsos in bf16 | torsos in bf16 |
 /// | "mixed" | fp32, factors of products rounded to bf16 where the CPU has such products | the same, to tf32 |
+/// | "mixed-emulated" | the same on any CPU, at the speed of fp32: to compare how "mixed" learns | not supported |
 /// | "fp16-published" | not supported | torsos in fp16, losses scaled (docs/reference/training.md, 2.2) |
 ///
 /// bf16 has the range of fp32, so its losses are not scaled.
-/// @param file of the config, for messages @throws NotSupportedError for fp16 on a CPU; InputError for
-/// "fp16-published" beside fp16_mode "none"
+/// @param file of the config, for messages @throws NotSupportedError for fp16 on a CPU, "mixed-emulated" on a GPU;
+/// InputError for "fp16-published" beside fp16_mode "none"
 Precision choose_precision(const TrainerOptions& options, torch::Device device, const std::string& file);
 
 }  // namespace anigen::train

@@ -149,7 +149,7 @@ TEST_P(MixedVolumeConvolutionShapes, AgreesWithTheLibraryOnRoundedFactors) {
   wanted[3] = exact[3];
   test::in_every_kernel_form([&] {
     const std::vector<Tensor> plain = c.run(volume_convolution, torch::kFloat32);
-    const MixedProducts scope(true);
+    const MixedProducts scope(MixedForm::kKernels);
     for (const auto format : {torch::MemoryFormat::Contiguous, kChannelsLast}) {
       const std::vector<Tensor> found = c.run(volume_convolution, torch::kFloat32, format);
       EXPECT_TRUE(found[0].is_contiguous(kChannelsLast));
@@ -159,6 +159,10 @@ TEST_P(MixedVolumeConvolutionShapes, AgreesWithTheLibraryOnRoundedFactors) {
       } else {
         for (std::size_t i = 0; i < 4; ++i) EXPECT_TRUE(torch::equal(found[i], plain[i])) << i;
       }
+      const MixedProducts emulated(MixedForm::kEmulated);
+      const std::vector<Tensor> same = c.run(volume_convolution, torch::kFloat32, format);
+      expect_same_results(same, wanted);
+      EXPECT_GT(volume_difference(same[0], exact[0]), 1e-5);
     }
   });
 }
@@ -177,7 +181,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST(MixedVolumeConvolution, TheNumberOfThreadsChangesNoBit) {
   const int before = at::get_num_threads();
-  const MixedProducts scope(true);
+  const MixedProducts scope(MixedForm::kKernels);
   for (const VolumeConvolutionSizes& sizes :
        {VolumeConvolutionSizes{2, 7, 5, 9, 40, 20}, VolumeConvolutionSizes{1, 40, 3, 8, 8, 8}}) {
     const VolumeCase c(sizes);
@@ -196,7 +200,7 @@ TEST(MixedVolumeConvolution, TheNumberOfThreadsChangesNoBit) {
 TEST(MixedVolumeConvolution, BackwardFollowsForward) {
   const VolumeCase c({1, 3, 4, 5, 4, 16});
   const Tensor direction = c.direction.to(torch::kFloat32);
-  const auto gradients = [&](bool forward, bool backward) {
+  const auto gradients = [&](MixedForm forward, MixedForm backward) {
     std::vector<Tensor> leaves{c.x.to(torch::kFloat32), c.weight.to(torch::kFloat32), c.bias.to(torch::kFloat32)};
     for (Tensor& leaf : leaves) leaf = leaf.detach().requires_grad_();
     const MixedProducts scope(forward);
@@ -204,9 +208,13 @@ TEST(MixedVolumeConvolution, BackwardFollowsForward) {
     set_mixed_products(backward);
     return torch::autograd::grad({out}, leaves, {direction});
   };
-  for (const bool forward : {false, true}) {
-    const std::vector<Tensor> wanted = gradients(forward, forward), found = gradients(forward, !forward);
-    for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(found[i], wanted[i])) << i;
+  const std::vector<MixedForm> kForms = {MixedForm::kNone, MixedForm::kKernels, MixedForm::kEmulated};
+  for (const MixedForm forward : kForms) {
+    const std::vector<Tensor> wanted = gradients(forward, forward);
+    for (const MixedForm backward : kForms) {
+      const std::vector<Tensor> found = gradients(forward, backward);
+      for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(found[i], wanted[i])) << i;
+    }
   }
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/sparse/blocks.h"
 #include "tests/sparse/attention_cases.h"
@@ -153,6 +154,24 @@ TEST_P(ConvolutionOfSizes, MixedProductsRoundTheirFactorsAlone) {
                             tap_correlation(plan, neighbours, in, slopes)),
                 1e-5);
     }
+  }
+}
+
+// Any CPU emulates them: results and gradients are those of rounded factors, the bias has none.
+TEST_P(ConvolutionOfSizes, EmulatedProductsRoundTheirFactorsAlone) {
+  const auto round = [](const Tensor& x) { return x.to(torch::kFloat32).to(torch::kBFloat16).to(torch::kFloat64); };
+  for (const bool subdivide : {false, true}) {
+    const ConvolutionCase c(GetParam(), subdivide);
+    const auto convolution = [&](const Tensor& x, const Tensor& w, const Tensor& b) {
+      return subdivide ? subdivided_convolution(*c.support, x, w, b) : submanifold_convolution(*c.support, x, w, b);
+    };
+    ConvolutionCase rounded = c;
+    for (Tensor* x : {&rounded.feats, &rounded.weight, &rounded.direction}) *x = round(*x);
+    std::vector<Tensor> wanted = rounded.run(convolution, torch::kFloat64);
+    wanted[3] = c.run(convolution, torch::kFloat64)[3];
+    const nn::MixedProducts emulated(nn::MixedForm::kEmulated);
+    // Weights of a subdivision are added up before they are rounded.
+    expect_convolutions_agree(c.run(convolution, torch::kFloat32), wanted, subdivide ? 2e-2 : 1e-5);
   }
 }
 

@@ -29,6 +29,10 @@ TEST(ChoosePrecision, FollowsTheTable) {
   EXPECT_FALSE(choose_precision(precision_options("", "inflat_all"), cpu, "c.json").loss_scaling);
   EXPECT_TRUE(choose_precision(precision_options("", "inflat_all"), gpu, "c.json").loss_scaling);
   EXPECT_THROW(choose_precision(precision_options("fp16-published", "inflat_all"), cpu, "c.json"), NotSupportedError);
+  const Precision emulated = choose_precision(precision_options("mixed-emulated", "none"), cpu, "c.json");
+  EXPECT_EQ(emulated.mixed_products, nn::MixedForm::kEmulated);
+  EXPECT_EQ(emulated.compute, torch::kFloat32);
+  EXPECT_THROW(choose_precision(precision_options("mixed-emulated", "none"), gpu, "c.json"), NotSupportedError);
 }
 
 TEST(ChoosePrecision, ContradictionsAreNamed) {

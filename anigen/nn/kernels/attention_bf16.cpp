@@ -376,13 +376,14 @@ products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& par
 namespace {
 
 bool suits_bf16(const Tensor& q) {
-  return q.is_cpu() && q.size(-1) > 0 && q.size(-1) <= kBf16Panel && q.size(-1) % kernels::kBf16Lanes == 0 &&
-         kernels::has_bf16_products();
+  return q.is_cpu() && q.size(-1) > 0 && q.size(-1) <= kBf16Panel && q.size(-1) % kernels::kBf16Lanes == 0;
 }
 
 }  // namespace
 
-bool prefers_bf16_attention(const Tensor& q) { return dtype_of(q) == torch::kBFloat16 && suits_bf16(q); }
+bool prefers_bf16_attention(const Tensor& q) {
+  return dtype_of(q) == torch::kBFloat16 && suits_bf16(q) && kernels::has_bf16_products();
+}
 
 bool prefers_mixed_attention(const Tensor& q) {
   return dtype_of(q) == torch::kFloat32 && suits_bf16(q) && mixed_products();

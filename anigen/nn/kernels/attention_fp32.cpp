@@ -8,87 +8,15 @@
 #include "anigen/nn/attention.h"
 #include "anigen/nn/kernels/attention_bf16.h"
 #include "anigen/nn/kernels/heads.h"
+#include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/kernels/softmax.h"
+#include "anigen/nn/linear.h"
 #include "anigen/nn/profile.h"
 #include "anigen/nn/ragged_attention.h"
 
 namespace anigen::nn {
 
 namespace {
-
-// State of the softmax of some rows whose scores arrive in blocks of columns (Milakov and Gimelshein 2018, "Online
-// normalizer calculation for softmax"), one value per row.
-struct RunningSoftmax {
-  float* largest;  // largest score so far; -inf before the first block
-  float* sum;      // Σ exp(scale (score − largest)); 0 before the first block
-  float* shrink;   // what earlier sums have to be multiplied with after this block
-};
-
-// Several partial sums, since compilers keep the order of additions of floats.
-ANIGEN_INLINE float sum_of_row(const float* row, std::int64_t n) {
-  constexpr std::int64_t kLanes = 64;
-  float lanes[kLanes] = {};
-  std::int64_t c = 0;
-  for (; c + kLanes <= n; c += kLanes) {
-    for (std::int64_t l = 0; l < kLanes; ++l) lanes[l] += row[c + l];
-  }
-  float sum = 0.0F;
-  for (std::int64_t l = 0; l < kLanes; ++l) sum += lanes[l];
-  for (; c < n; ++c) sum += row[c];
-  return sum;
-}
-
-// One block: on return each score holds exp(scale (score − largest)) and the state includes it. A row with a score
-// that is not finite gets the sum NaN. @param scores [rows, columns] dense
-ANIGEN_KERNEL(void, softmax_block,
-              (float* __restrict scores, std::int64_t rows, std::int64_t columns, float scale,
-               const RunningSoftmax& state),
-              (scores, rows, columns, scale, state)) {
-  for (std::int64_t r = 0; r < rows; ++r, scores += columns) {
-    const float before = state.largest[r], largest = kernels::largest_score(scores, columns, before);
-    for (std::int64_t c = 0; c < columns; ++c) scores[c] = kernels::exp_or_nan(scale * (scores[c] - largest));
-    const float shrink = kernels::exp_clamped(scale * (before - largest));
-    state.largest[r] = largest;
-    state.shrink[r] = shrink;
-    state.sum[r] = state.sum[r] * shrink + sum_of_row(scores, columns);
-  }
-}
-
-// values[r, :] *= factors[r] @param values [rows, columns] dense
-ANIGEN_KERNEL(void, scale_rows,
-              (float* __restrict values, std::int64_t rows, std::int64_t columns, const float* __restrict factors),
-              (values, rows, columns, factors)) {
-  for (std::int64_t r = 0; r < rows; ++r, values += columns) {
-    for (std::int64_t c = 0; c < columns; ++c) values[c] *= factors[r];
-  }
-}
-
-// The end of the running softmax: out[r, :] = values[r, :] / sum[r], and log_sums[r] = scale · largest[r] + ln sum[r],
-// the log-sum-exp of the scaled scores. @param values [rows, columns] dense @param out rows `stride` values apart
-ANIGEN_KERNEL(void, softmax_finish,
-              (const float* __restrict values, std::int64_t rows, std::int64_t columns, float scale,
-               const RunningSoftmax& state, float* __restrict out, std::int64_t stride, float* __restrict log_sums),
-              (values, rows, columns, scale, state, out, stride, log_sums)) {
-  for (std::int64_t r = 0; r < rows; ++r, values += columns, out += stride) {
-    const float factor = 1.0F / state.sum[r];
-    for (std::int64_t c = 0; c < columns; ++c) out[c] = values[c] * factor;
-    log_sums[r] = scale * state.largest[r] + std::log(state.sum[r]);
-  }
-}
-
-// The backward pass of one block, in place: scores → weights p = exp(scale score − log_sums[r]); slopes dL/dp →
-// dL/dscore = scale p (dL/dp − delta[r]), where delta[r] = Σ p dL/dp over the whole row. Both [rows, columns] dense.
-ANIGEN_KERNEL(void, softmax_backward_block,
-              (float* __restrict scores, float* __restrict slopes, std::int64_t rows, std::int64_t columns, float scale,
-               const float* __restrict log_sums, const float* __restrict delta),
-              (scores, slopes, rows, columns, scale, log_sums, delta)) {
-  for (std::int64_t r = 0; r < rows; ++r, scores += columns, slopes += columns) {
-    for (std::int64_t c = 0; c < columns; ++c) {
-      const float weight = kernels::exp_or_nan(scale * scores[c] - log_sums[r]);
-      scores[c] = weight;
-      slopes[c] = scale * weight * (slopes[c] - delta[r]);
-    }
-  }
-}
 
 // Scores in flight per thread: a quarter of a MiB, so that a second-level cache also holds the rows they are made of.
 constexpr std::int64_t kMostQueries = 128, kMostKeys = 512;
@@ -144,19 +72,19 @@ void attend_block(const AttentionPlan& plan, const Tensor& scratch, const Tensor
   const std::int64_t rows = q.size(0);
   Tensor values = matrix_in(scratch, plan.block_scores(), rows, plan.channels);
   float* state_values = scratch.data_ptr<float>() + plan.block_scores() + plan.query_block * plan.channels;
-  const RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
+  const kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < plan.keys; first += plan.key_block) {
     const std::int64_t columns = std::min(plan.key_block, plan.keys - first);
     Tensor scores = matrix_in(scratch, 0, rows, columns);
     multiply(scores, q, k.narrow(0, first, columns).t(), /*accumulate=*/false);
-    softmax_block(scores.data_ptr<float>(), rows, columns, plan.scale, state);
-    if (first > 0) scale_rows(values.data_ptr<float>(), rows, plan.channels, state.shrink);
+    kernels::softmax_block(scores.data_ptr<float>(), rows, columns, plan.scale, state);
+    if (first > 0) kernels::scale_rows(values.data_ptr<float>(), rows, plan.channels, state.shrink);
     multiply(values, scores, v.narrow(0, first, columns), /*accumulate=*/first > 0);
   }
-  softmax_finish(values.data_ptr<float>(), rows, plan.channels, plan.scale, state, out.data_ptr<float>(), out.stride(0),
-                 log_sums);
+  kernels::softmax_finish(values.data_ptr<float>(), rows, plan.channels, plan.scale, state, out.data_ptr<float>(),
+                          out.stride(0), log_sums);
 }
 
 // Rows of one head, all matrices [rows, D].
@@ -178,8 +106,8 @@ void backward_head(const AttentionPlan& plan, const Tensor& scratch, const HeadG
       Tensor slopes = matrix_in(scratch, plan.block_scores(), rows, columns);
       multiply(scores, q, k.t(), /*accumulate=*/false);
       multiply(slopes, dy, v.t(), /*accumulate=*/false);
-      softmax_backward_block(scores.data_ptr<float>(), slopes.data_ptr<float>(), rows, columns, plan.scale,
-                             head.log_sums + i, head.delta + i);
+      kernels::softmax_backward_block(scores.data_ptr<float>(), slopes.data_ptr<float>(), rows, columns, plan.scale,
+                                      head.log_sums + i, head.delta + i);
       multiply(dv, scores.t(), dy, /*accumulate=*/i > 0);
       multiply(dk, slopes.t(), q, /*accumulate=*/i > 0);
       multiply(dq, slopes, k, /*accumulate=*/j > 0);
@@ -258,64 +186,8 @@ class CpuBlockedAttention : public torch::autograd::Function<CpuBlockedAttention
 // The products and the kernels read rows whose channels are adjacent.
 Tensor with_adjacent_channels(const Tensor& x) { return x.stride(-1) == 1 ? x : x.contiguous(); }
 
-// Behind the last column, where rows are handled in whole vectors: never the largest, and its weight of e^-87 does not
-// change a sum of at least one. Products of it and of scales up to one stay finite.
-constexpr float kBelowScores = -1e38F;
-
-// Several sums side by side, since compilers keep the order of additions of floats, are added up in pairs: rows are
-// short, and a chain of sixteen additions would take as long as their exponentials.
-ANIGEN_INLINE float total(float* lanes) {
-  for (std::int64_t half = products::kLanes / 2; half > 0; half /= 2) {
-    for (std::int64_t l = 0; l < half; ++l) lanes[l] += lanes[l + half];
-  }
-  return lanes[0];
-}
-
-// state.largest with the row in it. Leaves the exponent of state.shrink there, and NaN in the sum of a row that has
-// scores that are not finite: the exponentials need not look for them.
-ANIGEN_INLINE void take_largest(const float* row, std::int64_t whole, float scale, const RunningSoftmax& state,
-                                std::int64_t r) {
-  const float before = state.largest[r];
-  const kernels::ScoreRange range = kernels::score_range(row, whole, before);
-  const bool finite = range.smallest >= kBelowScores && range.largest <= std::numeric_limits<float>::max();
-  state.largest[r] = range.largest;
-  state.shrink[r] = scale * (before - range.largest);
-  if (!finite) state.sum[r] = std::numeric_limits<float>::quiet_NaN();
-}
-
-ANIGEN_INLINE void take_weights(float* __restrict row, std::int64_t whole, float scale, const RunningSoftmax& state,
-                                std::int64_t r) {
-  const float largest = state.largest[r];
-  float lanes[products::kLanes] = {};
-  for (std::int64_t c = 0; c < whole; c += products::kLanes) {
-    for (std::int64_t l = 0; l < products::kLanes; ++l) {
-      const float weight = kernels::exp_up_to_0(scale * (row[c + l] - largest));
-      row[c + l] = weight;
-      lanes[l] += weight;
-    }
-  }
-  state.shrink[r] = kernels::exp_clamped(state.shrink[r]);
-  state.sum[r] = state.sum[r] * state.shrink[r] + total(lanes);
-}
-
-// softmax_block for short rows with gaps between them: on return each score holds exp(scale (score −
-// largest)), those far below the largest at least e^-87, and the state includes it; from `columns` to
-// products::padded(columns) the rows may hold anything. A row with a score that is not finite, or below -1e38, gets
-// the sum NaN.
-//
-// Three passes, since a processor works on several rows at a time where none waits for a number of its own: for what
-// was just written piece by piece, or for its largest score.
-ANIGEN_KERNEL(void, softmax_rows,
-              (const products::Block& scores, std::int64_t rows, std::int64_t columns, float scale,
-               const RunningSoftmax& state),
-              (scores, rows, columns, scale, state)) {
-  const std::int64_t whole = products::padded(columns);
-  for (std::int64_t r = 0; r < rows && columns < whole; ++r) {
-    float* row = scores.values + r * scores.stride;
-    for (std::int64_t c = columns; c < whole; ++c) row[c] = kBelowScores;
-  }
-  for (std::int64_t r = 0; r < rows; ++r) take_largest(scores.values + r * scores.stride, whole, scale, state, r);
-  for (std::int64_t r = 0; r < rows; ++r) take_weights(scores.values + r * scores.stride, whole, scale, state, r);
+void round_rows(const products::Block& block, std::int64_t rows, std::int64_t columns) {
+  for (std::int64_t r = 0; r < rows; ++r) kernels::round_in_place(block.from_row(r).values, columns);
 }
 
 // A block of scores with the rows it is made of stays in a second-level cache of half a MiB.
@@ -372,7 +244,7 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
   const products::Block queries = scratch.queries.with_stride(p.width), sums = scratch.sums.with_stride(p.width);
   read_rows(HeadRows<T>(t.q, part.head, row), rows, p.channels, rows, queries);
   float* state_values = scratch.state.values();
-  const RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
+  const kernels::RunningSoftmax state{state_values, state_values + rows, state_values + 2 * rows};
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < keys; first += block) {
@@ -384,8 +256,9 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
     read_rows(HeadRows<T>(t.v, part.head, key_row), columns, p.channels, columns, values);
     products::transpose(whole, p.width, key_block, across);
     products::multiply({rows, columns, p.channels}, queries.plain(), across, scores, /*accumulate=*/false, ahead);
-    softmax_rows(scores, rows, columns, p.scale, state);
-    if (first > 0) scale_rows(sums.values, rows, p.width, state.shrink);
+    kernels::softmax_rows(scores, rows, columns, p.scale, state);
+    if (p.rounds_weights) round_rows(scores, rows, columns);
+    if (first > 0) kernels::scale_rows(sums.values, rows, p.width, state.shrink);
     products::multiply({rows, p.channels, columns}, scores.plain(), values, sums, /*accumulate=*/first > 0, ahead);
   }
   float* const log_sums = t.log_sums.data_ptr<float>() + part.head * p.rows;
@@ -393,7 +266,7 @@ void attend_head(const RaggedProblem& p, const HeadTask& part, const HeadTask& n
     state.shrink[r] = 1.0F / state.sum[r];
     log_sums[row + r] = p.scale * state.largest[r] + std::log(state.sum[r]);
   }
-  scale_rows(sums.values, rows, p.width, state.shrink);
+  kernels::scale_rows(sums.values, rows, p.width, state.shrink);
   write_rows(sums, rows, p.channels, HeadRows<T>(t.out, part.head, row));
 }
 
@@ -416,6 +289,7 @@ struct BackwardScratch {
 
 struct RaggedGradients {
   Tensor q, k, v, out, dy, log_sums;  // what the forward pass saved, and the gradient of its result
+  Tensor dy_factor;                   // dy where it is multiplied
   Tensor dq, dk, dv;
 };
 
@@ -427,7 +301,7 @@ products::RowsAhead backward_rows(const RaggedProblem& p, const HeadTask& part, 
   if (next.task == nullptr) return ahead;
   const std::int64_t row = p.q_offsets[next.task->sequence], key_row = p.k_offsets[next.task->sequence];
   const std::int64_t queries = next.task->queries, keys = even_block(p.keys(next.task->sequence), kKeysAtOnce);
-  for (const Tensor* x : {&g.dy, &g.out, &g.q, &g.dq})
+  for (const Tensor* x : {&g.dy, &g.dy_factor, &g.out, &g.q, &g.dq})
     add_rows(ahead, HeadRows<T>(*x, next.head, row), queries, p.channels);
   for (const Tensor* x : {&g.k, &g.v, &g.dk, &g.dv})
     add_rows(ahead, HeadRows<T>(*x, next.head, key_row), keys, p.channels);
@@ -462,12 +336,16 @@ void backward_block(const RaggedProblem& p, const HeadTask& part, const Backward
     const std::int64_t rows = std::min(block, task.queries - i);
     const products::Block q = scratch.queries.with_stride(p.width), dy = scratch.slopes_out.with_stride(p.width);
     read_rows(HeadRows<T>(g.q, head, query_row + i), rows, p.channels, rows, q);
-    read_rows(HeadRows<T>(g.dy, head, query_row + i), rows, p.channels, rows, dy);
+    read_rows(HeadRows<T>(g.dy_factor, head, query_row + i), rows, p.channels, rows, dy);
     products::multiply({rows, columns, p.channels}, q.plain(), keys_across, scores, /*accumulate=*/false, ahead);
     products::multiply({rows, columns, p.channels}, dy.plain(), values_across, slopes, /*accumulate=*/false, ahead);
     for (std::int64_t r = 0; r < rows; ++r) {  // whole rows of vectors: what is behind the last column is not used
-      softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale, log_sums + i + r,
-                             scratch.delta.values() + i + r);
+      kernels::softmax_backward_block(scores.from_row(r).values, slopes.from_row(r).values, 1, whole, p.scale,
+                                      log_sums + i + r, scratch.delta.values() + i + r);
+    }
+    if (p.rounds_weights) {
+      round_rows(scores, rows, columns);
+      round_rows(slopes, rows, columns);
     }
     const products::Block dq = scratch.dq.with_stride(p.width).from_row(i);
     products::multiply({columns, p.channels, rows}, scores.transposed(), dy, dv, /*accumulate=*/i > 0, ahead);
@@ -509,18 +387,28 @@ void backward_all(const RaggedProblem& p, const RaggedGradients& g) {
 
 Tensor rounded(const Tensor& x) { return x.to(torch::kBFloat16); }
 
+Tensor zeros_like(const Tensor& x, torch::Dtype dtype) { return torch::zeros(x.sizes(), dtype); }
+
 class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> {
  public:
   static Tensor forward(AutogradContext* context, const Tensor& q, const Tensor& k, const Tensor& v,
                         const Tensor& q_offsets, const Tensor& k_offsets) {
     RECORD_USER_SCOPE("attention: sequences");
-    const RaggedProblem problem(q, k, q_offsets, k_offsets);
+    RaggedProblem problem(q, k, q_offsets, k_offsets);
+    problem.rounds_weights = prefers_mixed_attention(q) && emulated_mixed_products();
+    context->saved_data["emulated"] = problem.rounds_weights;
     count_operations(2.0 * problem.product_operations(), prefers_mixed_attention(q) || prefers_bf16_attention(q));
     const Tensor out = torch::empty(q.sizes(), q.options());
     for (std::int64_t s = 0; s < problem.sequences; ++s) {
       if (problem.keys(s) == 0) out.narrow(0, problem.q_offsets[s], problem.queries(s)).zero_();
     }
     const Tensor log_sums = torch::empty({problem.heads, problem.rows}, torch::kFloat32);
+    if (problem.rounds_weights) {
+      const Tensor rounded_q = rounded_factor(q), rounded_k = rounded_factor(k), rounded_v = rounded_factor(v);
+      attend_all<float>(problem, {rounded_q, rounded_k, rounded_v, out, log_sums});
+      context->save_for_backward({rounded_q, rounded_k, rounded_v, out, log_sums, q_offsets, k_offsets});
+      return out;
+    }
     if (prefers_mixed_attention(q)) {
       const Tensor rounded_q = rounded(q), rounded_k = rounded(k), rounded_v = rounded(v);
       attend_ragged_bf16(problem, rounded_q, rounded_k, rounded_v, out, log_sums);
@@ -544,24 +432,19 @@ class CpuRaggedAttention : public torch::autograd::Function<CpuRaggedAttention> 
     RECORD_USER_SCOPE("attention: sequences");
     const variable_list saved = saved_once(*context, "ragged attention");
     const Tensor &q = saved[0], &k = saved[1], &v = saved[2];
-    const RaggedProblem problem(q, k, saved[5], saved[6]);
+    RaggedProblem problem(q, k, saved[5], saved[6]);
+    problem.rounds_weights = context->saved_data["emulated"].toBool();
+    const Tensor dy = gradients[0].contiguous();
     count_operations(5.0 * problem.product_operations(), dtype_of(q) != dtype_of(saved[3]));
     if (dtype_of(q) != dtype_of(saved[3])) {
-      const Tensor dy = gradients[0].contiguous();
-      const auto zeros = [](const Tensor& like) { return torch::zeros(like.sizes(), torch::kFloat32); };
+      const auto zeros = [](const Tensor& like) { return zeros_like(like, torch::kFloat32); };
       const MixedAttentionGradients mixed{q, k, v, saved[3], saved[4], dy, rounded(dy), zeros(q), zeros(k), zeros(k)};
       mixed_attention_backward(problem, mixed);
       return {mixed.dq, mixed.dk, mixed.dv, Tensor(), Tensor()};
     }
-    const RaggedGradients g{q,
-                            k,
-                            v,
-                            saved[3],
-                            gradients[0].contiguous(),
-                            saved[4],
-                            torch::zeros(q.sizes(), q.options()),
-                            torch::zeros(k.sizes(), k.options()),
-                            torch::zeros(k.sizes(), k.options())};
+    const auto zeros = [](const Tensor& like) { return zeros_like(like, dtype_of(like)); };
+    const Tensor factor = problem.rounds_weights ? rounded_factor(dy) : dy;
+    const RaggedGradients g{q, k, v, saved[3], dy, saved[4], factor, zeros(q), zeros(k), zeros(k)};
     if (dtype_of(q) == torch::kBFloat16) {
       backward_all<c10::BFloat16>(problem, g);
     } else if (dtype_of(q) == torch::kHalf) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cstdlib>
+#include <cstring>
 
 #include "anigen/nn/kernels/tiles.h"
 
@@ -11,21 +12,39 @@ namespace anigen::nn {
 
 namespace {
 
-std::atomic<bool> asked{false};
+std::atomic<MixedForm> asked{MixedForm::kNone};
 
 }  // namespace
 
-bool mixed_products() { return asked && kernels::has_bf16_products(); }
+bool mixed_products() {
+  const MixedForm form = asked;
+  return form == MixedForm::kEmulated || (form == MixedForm::kKernels && kernels::has_bf16_products());
+}
 
-void set_mixed_products(bool mixed) { asked = mixed; }
+bool emulated_mixed_products() { return asked == MixedForm::kEmulated; }
 
-MixedProducts::MixedProducts(bool mixed) : before_(asked) { asked = mixed; }
+void set_mixed_products(MixedForm form) { asked = form; }
+
+MixedProducts::MixedProducts(MixedForm form) : before_(asked) { asked = form; }
 
 MixedProducts::~MixedProducts() { asked = before_; }
 
 }  // namespace anigen::nn
 
 namespace anigen::nn::kernels {
+
+ANIGEN_KERNEL(void, round_values, (float* __restrict values, std::int64_t count), (values, count)) {
+  for (std::int64_t i = 0; i < count; ++i) {
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, values + i, sizeof bits);
+    const bool is_nan = (bits & 0x7FFFFFFFU) > 0x7F800000U;  // whose bits would overflow
+    const std::uint32_t nearest = (bits + 0x7FFFU + ((bits >> 16U) & 1U)) & 0xFFFF0000U;
+    bits = is_nan ? bits : nearest;
+    std::memcpy(values + i, &bits, sizeof bits);
+  }
+}
+
+void round_in_place(float* values, std::int64_t count) { round_values(values, count); }
 
 #if ANIGEN_BF16_X86
 

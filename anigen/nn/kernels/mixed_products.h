@@ -5,33 +5,47 @@ namespace anigen::nn {
 
 /// Mixed precision on a CPU: tensors, sums, norms and parameters stay fp32; factors of matrix products and convolutions
 /// are rounded to bf16 where they are multiplied, which a CPU with AVX512-BF16 does at twice the rate. Products of two
-/// bf16 numbers are exact in fp32, so a result is off by the rounding of its factors, 2^-9 each.
+/// bf16 numbers are exact in fp32, so a result is off by the rounding of its factors, 2^-9 each. Any CPU can emulate
+/// them: factors are rounded beforehand and the products are fp32, which takes a little longer than fp32 alone.
 
-/// True when products of fp32 tensors are computed so: it was asked for, and this CPU can (has_bf16_products()).
+/// Ways to compute products of fp32 tensors on a CPU.
+enum class MixedForm {
+  kNone,      ///< fp32
+  kKernels,   ///< by kernels for AVX512-BF16; fp32 on a CPU that has none (has_bf16_products())
+  kEmulated,  ///< factors rounded to bf16, products in fp32, on any CPU
+};
+
+/// True when factors of products of fp32 tensors are rounded: emulated, or asked of kernels that this CPU has.
 bool mixed_products();
 
-/// Products are computed so from now on, or no more. Process-wide. What was asked of a CPU that cannot stays fp32.
-void set_mixed_products(bool mixed);
+/// True when they are rounded beforehand and multiplied in fp32.
+bool emulated_mixed_products();
 
-/// Mixed products, or none, while it lives.
+/// Products are computed so from now on. Process-wide.
+void set_mixed_products(MixedForm form);
+
+/// This form of products while it lives.
 class MixedProducts {
  public:
-  explicit MixedProducts(bool mixed);
+  explicit MixedProducts(MixedForm form);
   ~MixedProducts();
   MixedProducts(const MixedProducts&) = delete;
   MixedProducts& operator=(const MixedProducts&) = delete;
 
  private:
-  bool before_;
+  MixedForm before_;
 };
 
 }  // namespace anigen::nn
 
 /// Products of matrices of fp32 numbers whose factors are rounded to bf16 and whose sums are fp32.
-/// One thread each; to be called only where has_bf16_products() says so. Numbers rounded to bf16 are passed as their 16
-/// bits.
+/// One thread each; all but round_in_place() only where has_bf16_products() says so. Numbers rounded to bf16 are passed
+/// as their 16 bits.
 
 namespace anigen::nn::kernels {
+
+/// The nearest bf16 numbers, ties to even, as fp32. For any CPU. NaN stays NaN.
+void round_in_place(float* values, std::int64_t count);
 
 /// The nearest bf16 numbers, ties to even.
 void round_to_bf16(const float* values, std::int64_t count, std::uint16_t* rounded);
