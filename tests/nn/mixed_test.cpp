@@ -173,9 +173,8 @@ INSTANTIATE_TEST_SUITE_P(Sizes, MixedAttention,
                                                           MixedAttentionCase{{128, 131}, {256, 24}, 2, 64},
                                                           MixedAttentionCase{{300, 12}, {700, 1100}, 2, 64})));
 
-// The emulation gives what the kernels give, but for the order of sums and weights that are near the middle between two
-// bf16 numbers: they are rounded as shares of the largest forward, and a different order of sums rounds a few the other
-// way.
+// Both round the same factors. Weights are rounded as shares of the largest score of a block, and blocks of the two
+// differ, so that their errors, 2^-9.5 of a weight on average, are independent in long sequences.
 TEST_P(MixedAttention, EveryFormRoundsAlike) {
   const AttentionResults kernels = attend_mixed(sizes(), MixedForm::kKernels, 8),
                          emulated = attend_mixed(sizes(), MixedForm::kEmulated, 8);
@@ -184,10 +183,10 @@ TEST_P(MixedAttention, EveryFormRoundsAlike) {
   const auto apart = [](const Tensor& a, const Tensor& b) {
     return ((a - b).norm() / (b.norm() + 1e-9)).item<double>();
   };
-  EXPECT_LT(apart(emulated.out, kernels.out), 1e-3);
-  EXPECT_LT(apart(emulated.dq, kernels.dq), 2e-3);
-  EXPECT_LT(apart(emulated.dk, kernels.dk), 2e-3);
-  EXPECT_LT(apart(emulated.dv, kernels.dv), 1e-3);
+  EXPECT_LT(apart(emulated.out, kernels.out), 3e-3);
+  EXPECT_LT(apart(emulated.dq, kernels.dq), 6e-3);
+  EXPECT_LT(apart(emulated.dk, kernels.dk), 6e-3);
+  EXPECT_LT(apart(emulated.dv, kernels.dv), 3e-3);
 }
 
 TEST(RoundInPlace, GivesTheNearestBf16NumberOfEveryKind) {
