@@ -58,9 +58,15 @@ TEST_P(MixedLinear, RoundsFactorsAlone) {
   for (std::size_t i = 0; i < 3; ++i) EXPECT_LT(share_apart(given_slopes[i], wanted_slopes[i]), 1e-5) << i;
 }
 
-TEST_P(MixedLinear, BitsDoNotDependOnThreads) {
-  if (emulated_mixed_products()) GTEST_SKIP() << "emulated products are the library's, as in fp32";
-  const LinearCase c = std::get<1>(GetParam());
+// Emulated products are the library's, whose bits depend on threads as those of fp32 do.
+class MixedKernels : public testing::TestWithParam<LinearCase>, InForm {
+ public:
+  MixedKernels() : InForm(MixedForm::kKernels) {}
+  void SetUp() override { require(); }
+};
+
+TEST_P(MixedKernels, BitsDoNotDependOnThreads) {
+  const LinearCase c = GetParam();
   torch::manual_seed(4);
   const Tensor x = torch::randn({c.rows, c.in}).requires_grad_(), w = torch::randn({c.out, c.in}).requires_grad_();
   std::vector<Tensor> first;
@@ -76,11 +82,11 @@ TEST_P(MixedLinear, BitsDoNotDependOnThreads) {
   torch::set_num_threads(before);
 }
 
-INSTANTIATE_TEST_SUITE_P(Sizes, MixedLinear,
-                         testing::Combine(kForms, testing::Values(LinearCase{1, 16, 16}, LinearCase{97, 16, 48},
-                                                                  LinearCase{200, 144, 80}, LinearCase{331, 320, 16},
-                                                                  LinearCase{64, 528, 208}, LinearCase{200, 32, 101},
-                                                                  LinearCase{130, 37, 21})));
+const auto kLinearCases =
+    testing::Values(LinearCase{1, 16, 16}, LinearCase{97, 16, 48}, LinearCase{200, 144, 80}, LinearCase{331, 320, 16},
+                    LinearCase{64, 528, 208}, LinearCase{200, 32, 101}, LinearCase{130, 37, 21});
+INSTANTIATE_TEST_SUITE_P(Sizes, MixedLinear, testing::Combine(kForms, kLinearCases));
+INSTANTIATE_TEST_SUITE_P(Sizes, MixedKernels, kLinearCases);
 
 // Layers whose weight is a view of another tensor, as Anymate's point encoder has them.
 TEST(LinearInTheFastestWay, TakesSlicesOfWeightsAndFollowsThePrecision) {
