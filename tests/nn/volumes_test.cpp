@@ -208,10 +208,10 @@ TEST(MixedVolumeConvolution, BackwardFollowsForward) {
     set_mixed_products(backward);
     return torch::autograd::grad({out}, leaves, {direction});
   };
-  const std::vector<MixedForm> kForms = {MixedForm::kNone, MixedForm::kKernels, MixedForm::kEmulated};
-  for (const MixedForm forward : kForms) {
+  const std::vector<MixedForm> forms = {MixedForm::kNone, MixedForm::kKernels, MixedForm::kEmulated};
+  for (const MixedForm forward : forms) {
     const std::vector<Tensor> wanted = gradients(forward, forward);
-    for (const MixedForm backward : kForms) {
+    for (const MixedForm backward : forms) {
       const std::vector<Tensor> found = gradients(forward, backward);
       for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(found[i], wanted[i])) << i;
     }
