@@ -18,8 +18,8 @@ enum class HeatForm {
 
 /// The joints whose bones are nearest to a place as the surface faces, and whether they warm it.
 struct HeatSource {
-  double distance = 0.0;             ///< unit frame, to the nearest of them
-  double measure = 0.0;              ///< the same as the surface faces: (1 + cos) / 2 of it divides the distance
+  double distance = 0.0;  ///< unit frame, to the nearest of them
+  double measure = 0.0;   ///< that distance over (1 + cos) / 2: longer where the bone lies before the surface
   std::vector<std::int32_t> joints;  ///< ascending: all whose measure is within a factor 1.0001 of the least
   std::vector<bool> visible;         ///< of each
 };
