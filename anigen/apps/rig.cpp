@@ -1,4 +1,6 @@
 #include <filesystem>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,11 +19,30 @@ using namespace anigen;
 
 /// Lets trained models do what there are models for.
 void use_models(RigArguments& options, const CommonOptions& common) {
-  if (options.joint_model.empty() && options.connectivity_model.empty() && options.skin_model.empty())
+  const bool named = !(options.joint_model + options.connectivity_model + options.skin_model).empty();
+  if (!named && options.method != kAnigen)
     throw InputError("", "--joint-model", "name a trained model: this one, --connectivity-model or --skin-model");
   if (!options.skin_model.empty() && !options.skin.empty())
     throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
   options.request.learned = torch_half("trained models").learned_steps(options, common);
+}
+
+/// Joints by the flows that ship, loaded for the first mesh that asks for them.
+rigging::SureJoints sure_joints(const RigArguments& options, const CommonOptions& common) {
+#ifdef ANIGEN_WITH_TORCH
+  const auto steps = std::make_shared<std::optional<rigging::LearnedSteps>>();
+  return [&options, &common, steps](const io::RiggedShape& shape,
+                                    std::string& why_not) -> std::optional<rigging::ProposedJoints> {
+    if (!*steps) *steps = torch_half("learned joints").learned_steps(options, common);
+    if ((*steps)->sure) return (*steps)->sure(shape, why_not);
+    why_not = "there are no weights of flows";
+    return std::nullopt;
+  };
+#else
+  static_cast<void>(options);
+  static_cast<void>(common);
+  return {};
+#endif
 }
 
 /// The extension of a file says its format already. @throws InputError where --format says another
@@ -35,12 +56,14 @@ void refuse_format_of_file(const RigArguments& options) {
 void rig_files(RigArguments& options, const CommonOptions& common) {
   rigging::RigRequest& request = options.request;
   const bool corrected = options.skin == kLearnedSkin;
-  const bool learned = options.method == kAnymate || options.method == kRignet;
+  const bool fields = options.method == kAnigen;
+  const bool learned = fields || options.method == kAnymate || options.method == kRignet;
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
     throw InputError("", "--method",
                      "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
-  // Fallback method where no model is given.
-  request.method = rigging::parse_rigging_method(learned ? "geovoxel" : options.method, corrected ? "" : options.skin);
+  // Of what no model does.
+  const std::string classical = fields ? "auto" : learned ? "geovoxel" : options.method;
+  request.method = rigging::parse_rigging_method(classical, corrected ? "" : options.skin);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
@@ -66,6 +89,8 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     };
   }
   if (learned) use_models(options, common);
+  if (request.method.joints == rigging::JointSource::kAuto && !fields)
+    request.joints.learned = sure_joints(options, common);
   if (corrected) request.learned.bind = torch_half("--skin learned").learned_skin(options, common).bind;
   const rigging::RigReports reports = rigging::rig_meshes(request);
   print_result(to_json(reports), to_text(reports), common);
@@ -171,10 +196,11 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (is_vrm && options.skin == "none")
     throw InputError("", "--output", "a .vrm needs weights, and --skin none writes the skeleton alone");
   if (!is_vrm) refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
-  const bool learned = method == kAnymate || method == kRignet;
-  if (!learned) {
-    refuse_given(app, {"--joint-model", "--connectivity-model", "--skin-model"},
-                 whose + "; it is for anymate and rignet");
+  const bool fields = method == kAnigen;
+  const bool trained = method == kAnymate || method == kRignet;
+  if (!trained) refuse_given(app, {"--connectivity-model", "--skin-model"}, whose + "; it is for anymate and rignet");
+  if (!trained && !fields) {
+    refuse_given(app, {"--joint-model"}, whose + "; it is for anigen, anymate and rignet");
     refuse_given(app, {"--seed"}, whose + ", which draws nothing at random");
     refuse_given(app, {"--device"}, whose + ", which computes on the CPU");
   }
@@ -185,7 +211,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (method != "curve" && !automatic) refuse_given(app, {"--curve-joints"}, whose + "; it is for curve and auto");
   if (method != "pinocchio" && !automatic) refuse_given(app, {"--template"}, whose + "; it is for pinocchio and auto");
   if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
-  if (method == "curve" || method == "template")
+  if (method == "curve" || method == "template" || fields)
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (options.skin != kLearnedSkin) refuse_given(app, {"--skin-run"}, "corrects weights for --skin learned alone");
   if (options.skin == "none") refuse_given(app, {"--no-graft"}, "has no effect where the skeleton alone is written");
@@ -201,9 +227,9 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   }
   std::string binding = options.skin;
   if (binding.empty()) {
-    binding = method == "nearest" || method == "template"              ? "nearest"
-              : method == "heat" || method == "pinocchio" || automatic ? "heat"
-                                                                       : "geovoxel";
+    binding = method == "nearest" || method == "template"                        ? "nearest"
+              : method == "heat" || method == "pinocchio" || automatic || fields ? "heat"
+                                                                                 : "geovoxel";
   }
   if (binding != "geovoxel")
     refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and the binding is " + binding);
@@ -232,14 +258,15 @@ int main(int argc, char** argv) {
   CLI::App& app = program.app;
   RigArguments options;
   std::vector<std::string> methods = rigging::rigging_method_words();
-  methods.insert(methods.end(), {"retrieval", kAnymate, kRignet});
+  methods.insert(methods.end(), {"retrieval", kAnigen, kAnymate, kRignet});
   add_option(app, "--method", options.method,
              ". auto: the mesh's own joints, or else a template that fits, or else the mesh's curve, bound by heat; "
              "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
              "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
              "the curve that the mesh contracts to, bound by geovoxel; template: the dataset's middle skeleton in "
              "the mesh's box, bound by nearest; retrieval: the dataset's asset whose condition view is most like "
-             "the image; anymate, rignet: joints, their tree and weights by trained models, or only some of these")
+             "the image; anigen: joints by trained flows that see the mesh, bound by heat; anymate, rignet: joints, "
+             "their tree and weights by trained models, or only some of these")
       ->check(one_of(methods));
   add_mesh_options(app, options);
   add_engine_options(app, options);

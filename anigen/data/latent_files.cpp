@@ -281,13 +281,25 @@ void write_out_statistics(Json& dataset, const std::string& file) {
   }
 }
 
-torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& statistics) {
-  if (statistics.empty()) return x;
+namespace {
+
+// Numbers per channel in the shape that multiplies x.
+torch::Tensor along_channels(const std::vector<float>& numbers, const torch::Tensor& x) {
   std::vector<std::int64_t> per_channel(static_cast<std::size_t>(x.dim()), 1);
   per_channel[1] = -1;
-  const torch::Tensor mean = torch::tensor(statistics.mean).to(x.device()).view(per_channel);
-  const torch::Tensor deviation = torch::tensor(statistics.deviation).to(x.device()).view(per_channel);
-  return x * deviation + mean;
+  return torch::tensor(numbers).to(x.device()).view(per_channel);
+}
+
+}  // namespace
+
+torch::Tensor normalised(const torch::Tensor& x, const ChannelStatistics& statistics) {
+  if (statistics.empty()) return x;
+  return (x - along_channels(statistics.mean, x)) / along_channels(statistics.deviation, x);
+}
+
+torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& statistics) {
+  if (statistics.empty()) return x;
+  return x * along_channels(statistics.deviation, x) + along_channels(statistics.mean, x);
 }
 
 void LatentDatasetOptions::read_latents(ConfigReader& reader, bool conditioned, const std::string& flag) {

@@ -73,6 +73,8 @@ struct ChannelStatistics {
 /// directory), or, ours, an object of the lists `mean` and `std`. Missing, null or "": none. @throws InputError
 ChannelStatistics dense_latent_statistics(ConfigReader& args, const std::string& key);
 
+/// Normalises per channel. @param x [B, C, …] dense, or [N, C] rows of voxels
+torch::Tensor normalised(const torch::Tensor& x, const ChannelStatistics& statistics);
 /// Undoes a normalisation per channel. @param x [B, C, …] dense, or [N, C] rows of voxels
 torch::Tensor denormalised(const torch::Tensor& x, const ChannelStatistics& statistics);
 

@@ -185,6 +185,8 @@ void append_octahedron(const Eigen::Vector3f& center, const Eigen::Vector4f& col
 
 }  // namespace
 
+Skeleton decoded_skeleton(const skeleton_field::SkeletonTensors& skeleton) { return skeleton_of(skeleton).skeleton; }
+
 Asset decoded_shape(const shape_field::ExtractedMesh& mesh, const std::string& name) {
   Asset asset;
   asset.name = name;

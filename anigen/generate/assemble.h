@@ -34,6 +34,9 @@ Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field
 Asset decoded_asset(const shape_field::ExtractedMesh& mesh, const skeleton_field::SkeletonTensors& skeleton,
                     const torch::Tensor& weights, const DecodedAssetOptions& options = {});
 
+/// The skeleton of a decoded asset by itself. @throws InputError as decoded_asset, for what concerns the skeleton
+Skeleton decoded_skeleton(const skeleton_field::SkeletonTensors& skeleton);
+
 /// Asset of a model that has no rig: mesh, normals and colours, held by one joint (bind_rigidly). @throws as
 /// decoded_asset, for what concerns the mesh
 Asset decoded_shape(const shape_field::ExtractedMesh& mesh, const std::string& name);

@@ -28,13 +28,6 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// Voxels of one asset, x, y, z ascending.
-sparse::SupportPtr support_of(const Tensor& occupied) {
-  const Tensor places = torch::nonzero(occupied).to(torch::kInt32);
-  const Tensor item = torch::zeros({places.size(0), 1}, torch::kInt32);
-  return sparse::Support::create(torch::cat({item, places}, 1), 1);
-}
-
 flow::SamplingExtras with_progress(Progress& progress) {
   flow::SamplingExtras extras;
   extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };

@@ -12,8 +12,11 @@
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/data/metadata.h"
+#include "anigen/generate/field_rigger.h"
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/stage_generators.h"
+#include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/nn/init.h"
 #include "anigen/structured_latent/decoder.h"
 
@@ -24,7 +27,7 @@ namespace {
 using Eigen::Vector3f;
 
 constexpr double kBandwidths[] = {0.004, 0.006, 0.008, 0.01, 0.014, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05};
-constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20};
+constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40};
 
 struct VotedAsset {
   skeleton_field::Votes votes;
@@ -131,7 +134,40 @@ std::vector<VotedAsset> generated_votes(const GroupingRequest& request) {
   return assets;
 }
 
+// Votes of flows that see the meshes of assets.
+std::vector<VotedAsset> votes_in_meshes(const GroupingRequest& request) {
+  FieldRigger::Request flows;
+  flows.flows = {request.ss_flow, request.slat_flow};
+  flows.device = request.device;
+  FieldRigger rigger(flows);
+  const auto source = io::open_source(request.data);
+  std::vector<std::string> ids = io::select_ids(*source, request.splits);
+  if (request.most > 0 && ids.size() > request.most) ids.resize(request.most);
+  std::vector<VotedAsset> assets;
+  Progress progress("finding votes", ids.size(), "assets");
+  for (const std::string& id : ids) {
+    throw_if_interrupted();
+    const io::RiggedShape shape = source->read(id);
+    try {
+      const FieldRigger::Found found = rigger.find(shape);
+      std::vector<Vector3f> joints;
+      for (const Eigen::Vector3d& joint : shape.joints.positions)
+        joints.emplace_back((found.to_cube.scale * joint + found.to_cube.offset).cast<float>());
+      assets.push_back({skeleton_field::votes_of(found.votes), distinct(joints)});
+    } catch (const InputError&) {
+      throw;
+    } catch (const Error& error) {
+      log::warn("{}: {}", id, error.what());
+    }
+    progress.advance();
+  }
+  progress.finish();
+  if (assets.empty()) throw Error(request.slat_flow.string() + ": the flows find no votes in any mesh");
+  return assets;
+}
+
 std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
+  if (!request.slat_flow.empty() && is_rig_flow(request.slat_flow)) return votes_in_meshes(request);
   std::set<std::string> ids;
   for (const std::filesystem::path& split : request.splits) ids.merge(data::read_split(split, request.data.string()));
   if (ids.empty()) throw InputError("", "--split", "names no asset");
@@ -165,7 +201,8 @@ std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
 GroupingFit fit_grouping(const GroupingRequest& request) {
   const std::vector<VotedAsset> assets = voted_assets(request);
   const bool generated = !request.slat_flow.empty();
-  const double limit = generated ? kGeneratedMatchDistance : kMatchDistance;
+  const bool seen = generated && !is_rig_flow(request.slat_flow);
+  const double limit = seen ? kGeneratedMatchDistance : kMatchDistance;
   GroupingFit fit;
   fit.assets = assets.size();
   for (const double bandwidth : kBandwidths) {

@@ -46,9 +46,10 @@ struct GroupingFit {
 };
 
 /// Decodes the votes of assets from their own latents, or from latents that both flows make of their first condition
-/// view, groups them with every choice of bandwidth and least votes, and writes the best to grouping.json of the run
-/// folder, of stage 5 where flows are given; anigen-generate and `anigen-encode reconstruct` find it there. What else
-/// that file says stays. An asset of which the flows make nothing is left out with a warning.
+/// view, or, of flows without images, of their meshes (field_rigger.h; `data` is then whatever io::open_source reads),
+/// groups them with every choice of bandwidth and least votes, and writes the best to grouping.json of the run folder,
+/// of stage 5 where flows are given; anigen-generate and `anigen-encode reconstruct` find it there. What else that file
+/// says stays. An asset of which the flows make nothing is left out with a warning.
 /// @throws InputError when runs, dataset or splits are unusable, or the run trained the shape alone; Interrupted
 GroupingFit fit_grouping(const GroupingRequest& request);
 

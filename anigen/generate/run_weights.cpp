@@ -216,6 +216,11 @@ fs::path shipped_matting() { return shipped_run("matting"); }
 
 fs::path shipped_skin_correction() { return shipped_run("skin_correction"); }
 
+FlowRuns shipped_rig_flows() {
+  const FlowRuns found{shipped_run("rig/ss_flow"), shipped_run("rig/slat_flow")};
+  return found.structure.empty() || found.latents.empty() ? FlowRuns() : found;
+}
+
 Json describe_weights(const fs::path& run) {
   const Json config = load_config(RunFolder{run}.config());
   Json result = Json::object();

@@ -27,6 +27,9 @@ std::filesystem::path shipped_weights();
 /// The run `matting` of these weights, a matting network of ours; empty when there are no weights or none of it.
 /// @throws InputError when $ANIGEN_WEIGHTS is no folder
 std::filesystem::path shipped_matting();
+/// Likewise the runs `rig/ss_flow` and `rig/slat_flow`, which find the skeleton of a shape (field_rigger.h); both or
+/// neither.
+FlowRuns shipped_rig_flows();
 /// Likewise the run `skin_correction`, a correction of classical skin weights.
 std::filesystem::path shipped_skin_correction();
 

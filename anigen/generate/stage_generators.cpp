@@ -146,6 +146,12 @@ void write_structured_latents(const fs::path& file, const structured_latent::Per
   io::write_npz(file, arrays);
 }
 
+sparse::SupportPtr support_of(const Tensor& occupied) {
+  const Tensor places = torch::nonzero(occupied).to(torch::kInt32);
+  const Tensor item = torch::zeros({places.size(0), 1}, torch::kInt32);
+  return sparse::Support::create(torch::cat({item, places}, 1), 1);
+}
+
 StructureCoder::StructureCoder(const std::filesystem::path& run, const std::string& ckpt, torch::Device device,
                                bool decodes)
     : device_(device),
@@ -204,7 +210,7 @@ sparse_structure::VoxelPair StructureCoder::decode(const Tensor& mean, const Ten
 
 StructureGenerator::StructureGenerator(const Request& request)
     : FlowGenerator(request, {sparse_structure::kSparseStructureFlowClass},
-                    "ImageConditionedAniGenSparseStructureLatent"),
+                    "ImageConditionedAniGenSparseStructureLatent", "AniGenSparseStructureLatent"),
       autoencoder_(request.autoencoder) {
   if (autoencoder_.empty())
     autoencoder_ = nn::named_run(run_, reading_.ss_dec_path, flow_.config, "/dataset/args/ss_dec_path");
@@ -230,8 +236,20 @@ flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tenso
   const torch::NoGradGuard no_grad;
   const auto width = static_cast<double>(std::max(options().model_channels, options().model_channels_skl));
   const OneThreadIfSmall threads(static_cast<double>(noise[0].size(0) * options().tokens()) * width * width);
-  return flow::sample_flow(noise, sparse_structure::structure_velocities(model_, condition, guided), sampler, extras)
-      .samples;
+  const flow::Velocities velocities =
+      sparse_structure::structure_velocities(model_, condition, guided, finds_skeletons());
+  return flow::sample_flow(noise, velocities, sampler, extras).samples;
+}
+
+Tensor StructureGenerator::shape_latent(const Tensor& voxels) {
+  const torch::NoGradGuard no_grad;
+  if (encoder_.is_empty()) {
+    encoder_ = nn::load_trained<sparse_structure::SparseStructureEncoder>(
+        nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureEncoderClass, reading_.ss_dec_ckpt),
+        device_);
+  }
+  const Tensor grid = voxels.to(device_, torch::kFloat32).unsqueeze(0).unsqueeze(0);
+  return data::normalised(encoder_->encode_shape(grid).mean, reading_.normalization);
 }
 
 flow::Streams StructureGenerator::denormalised(const flow::Streams& latents) const {
@@ -260,6 +278,7 @@ std::vector<sparse_structure::VoxelPair> StructureGenerator::decode(const flow::
 RigDecoder::RigDecoder(const nn::RunModel& found, torch::Device device,
                        const skeleton_field::MeanShiftOptions& grouping)
     : variant_(structured_latent::variant_of_run(found)),
+      grouping_(structured_latent::grouping_of_run(grouping, found.config.parent_path())),
       decoder_(structured_latent::load_rig_decoder(found, device, grouping)) {}
 
 RigDecoder::Decoded RigDecoder::decode(const structured_latent::PerStream<sparse::SparseTensor>& latents,
@@ -278,6 +297,15 @@ RigDecoder::Decoded RigDecoder::decode(const structured_latent::PerStream<sparse
   options.name = name;
   return {decoded_asset(mesh, skeleton, weights, options),
           structured_latent::for_grouping(decoded.skeletons.front(), variant_.confidence)};
+}
+
+skeleton_field::SkeletonField RigDecoder::votes(const structured_latent::PerStream<sparse::SparseTensor>& latents) {
+  const torch::NoGradGuard no_grad;
+  return structured_latent::for_grouping(decoder_->rig_fields(latents).skeletons.front(), variant_.confidence);
+}
+
+skeleton_field::SkeletonTensors RigDecoder::grouped(const skeleton_field::SkeletonField& votes) const {
+  return skeleton_field::group_votes(votes, decoder_->options().grouping_strategy, grouping_);
 }
 
 StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::string& ckpt, torch::Device device,
@@ -400,7 +428,7 @@ void StructuredLatentCoder::write(const structured_latent::PerStream<SparseTenso
 StructuredLatentGenerator::StructuredLatentGenerator(const FlowRequest& request)
     : FlowGenerator(request,
                     {structured_latent::kStructuredLatentFlowClass, structured_latent::kPlainStructuredLatentFlowClass},
-                    "AniGenImageConditionedSLat") {}
+                    "AniGenImageConditionedSLat", "AniGenSLat") {}
 
 flow::Streams StructuredLatentGenerator::noise(const sparse::Support& shape, const sparse::Support& skeleton,
                                                const at::Generator& generator) const {

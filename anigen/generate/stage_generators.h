@@ -38,6 +38,9 @@ void write_structured_latents(const std::filesystem::path& file,
                               const structured_latent::PerStream<sparse::SparseTensor>& latents,
                               const std::filesystem::path& maker, std::optional<std::size_t> view = std::nullopt);
 
+/// Voxels of one asset, x, y, z ascending. @param occupied bool [R, R, R] on the CPU
+sparse::SupportPtr support_of(const torch::Tensor& occupied);
+
 /// Reconstruction error of decoded latents, the skeleton as dilated as it was encoded.
 struct StructureReconstruction {
   sparse_structure::VoxelAgreement shape, skeleton;
@@ -81,9 +84,10 @@ struct FlowRequest {
   nn::Averages averages = nn::Averages::kUsual;
   std::string device = "cpu";
   torch::Dtype precision = torch::kFloat32;  ///< of the flow's torso
+  bool pictures = true;                      ///< the flow was trained with them; false: it must be one without
 };
 
-/// A trained flow with its image encoder.
+/// A trained flow with its image encoder, if it has one.
 /// @tparam Model its module's holder @tparam Reading options of its dataset @tparam Training options of its trainer
 template <typename Model, typename Reading, typename Training>
 class FlowGenerator {
@@ -94,10 +98,13 @@ class FlowGenerator {
   const Reading& reading() const { return reading_; }
   const flow::SamplerOptions& sampler() const { return training_.sampler; }  ///< as its config samples
 
-  /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size @return [B, M, C]
+  /// @param pictures [B, 3, S, S] in [0, 1], S = reading().image_size; anything for a flow without pictures
+  /// @return [B, M, C], of a flow without pictures the one token of zeros that it trained with, [1, 1, C]
   /// @throws InputError at the first call, when the image encoder or its weights are missing or do not fit
   torch::Tensor condition(const torch::Tensor& pictures) {
     const torch::NoGradGuard no_grad;
+    if (!reading_.image_conditioned)
+      return torch::zeros({1, 1, model_->options().cond_channels}, torch::TensorOptions().device(device_));
     return encoder().tokens(pictures);
   }
   /// Cameras of the pictures, [B, 7], where the image encoder estimates them. @throws InputError as condition()
@@ -107,18 +114,21 @@ class FlowGenerator {
   }
 
  protected:
-  /// @param classes of the model @param dataset name of the class of datasets with pictures
-  /// @throws InputError when the run is unusable, or the flow was trained without pictures
-  FlowGenerator(const FlowRequest& request, const std::vector<std::string>& classes, const std::string& dataset)
+  /// @param classes of the model @param dataset, plain names of the classes of datasets with and without pictures
+  /// @throws InputError when the run is unusable, or the flow was trained otherwise than `request.pictures` says
+  FlowGenerator(const FlowRequest& request, const std::vector<std::string>& classes, const std::string& dataset,
+                const std::string& plain)
       : device_(nn::parse_device(request.device)),
         run_(request.run),
         flow_(nn::find_flow_model(request.run, classes, request.ckpt, request.averages)) {
     ConfigReader top(flow_.run, flow_.config.string());
     ConfigReader reader = top.object("dataset"), args = reader.object("args");
     reader.require("name");
-    if (reader.text("name", "") != dataset)
-      throw reader.error("name", "this flow was trained without pictures; they come from " + dataset);
-    reading_ = Reading::read(args, /*image_conditioned=*/true);
+    if (reader.text("name", "") != (request.pictures ? dataset : plain)) {
+      throw reader.error("name", request.pictures ? "this flow was trained without pictures; they come from " + dataset
+                                                  : "this flow was trained with pictures; without, from " + plain);
+    }
+    reading_ = Reading::read(args, request.pictures);
     ConfigReader trainer_args = top.object("trainer").object("args");
     training_ = Training::read(trainer_args);
     model_ = nn::load_trained<Model>(flow_, device_);
@@ -155,11 +165,17 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   explicit StructureGenerator(const Request& request);
 
   const std::filesystem::path& autoencoder() const { return autoencoder_; }
+  /// True where it trained on given shapes alone: it then finds the skeleton of a shape.
+  bool finds_skeletons() const { return training_.p_given_shape == 1.0; }
+  /// Latent of a shape's voxels by the auto-encoder, as the dataset normalises it. @param voxels bool [R, R, R]
+  /// @return [1, C, r, r, r] @throws InputError when the auto-encoder's run has no encoder
+  torch::Tensor shape_latent(const torch::Tensor& voxels);
   /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
   flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
   /// Noise as the generator gives it, shape first (docs/reference/flows.md, 5.4).
   flow::Streams noise(const at::Generator& generator) const;
-  /// Latents, as the dataset normalises them. @param noise of a batch
+  /// Latents, as the dataset normalises them. @param noise of a batch; the first stream of a flow that trained on given
+  /// shapes (finds_skeletons()) is instead the latent of the shape, as shape_latent() has it
   flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
                        bool guided, const flow::SamplingExtras& extras = {});
   /// Latents of sample() as latent files hold them: what normalised it in training is undone.
@@ -172,6 +188,7 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
 
  private:
   std::filesystem::path autoencoder_;
+  sparse_structure::SparseStructureEncoder encoder_ = nullptr;  ///< from the first shape_latent() on
   sparse_structure::SparseStructureDecoder decoder_ = nullptr;
 };
 
@@ -194,9 +211,14 @@ class RigDecoder {
   /// @throws InputError when there is no surface or no joint
   Decoded decode(const structured_latent::PerStream<sparse::SparseTensor>& latents,
                  const skeleton_field::SkeletonTensors* given, const std::string& name);
+  /// Votes alone, as Decoded::votes. @param latents as decode()
+  skeleton_field::SkeletonField votes(const structured_latent::PerStream<sparse::SparseTensor>& latents);
+  /// Joints and parents that votes are grouped to.
+  skeleton_field::SkeletonTensors grouped(const skeleton_field::SkeletonField& votes) const;
 
  private:
   structured_latent::StructuredLatentVariant variant_;
+  skeleton_field::MeanShiftOptions grouping_;
   structured_latent::StructuredLatentDecoder decoder_ = nullptr;
 };
 

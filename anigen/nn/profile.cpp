@@ -258,7 +258,8 @@ torch::Device parse_device(const std::string& name) {
     throw InputError("--device", name, "expected cpu, cuda or cuda:N");
   if (!cuda) return torch::kCPU;
   const auto wanted = static_cast<std::size_t>(std::stoul(index));
-  if (wanted >= torch::cuda::device_count()) throw InputError("--device", name, "this LibTorch sees no such device");
+  if (wanted >= static_cast<std::size_t>(torch::cuda::device_count()))
+    throw InputError("--device", name, "this LibTorch sees no such device");
   return torch::Device(torch::kCUDA, static_cast<torch::DeviceIndex>(wanted));
 }
 

@@ -90,10 +90,11 @@ ProposedJoints embedded(const Mesh& mesh, const std::vector<TemplateSkeleton>& t
   return {std::move(choice.embedded.skeleton), note};
 }
 
-/// A template where one fits, else the mesh's curve: templates name their joints and know limbs, a curve follows any
-/// shape. The note says which, and why.
-ProposedJoints chosen_joints(const Mesh& mesh, const std::vector<TemplateSkeleton>& templates,
+/// A template where one fits, else learned joints, else the mesh's curve: templates name their joints and know limbs, a
+/// curve follows any shape. The note says which, and why.
+ProposedJoints chosen_joints(const io::RiggedShape& shape, const std::vector<TemplateSkeleton>& templates,
                              const JointOptions& options) {
+  const Mesh& mesh = shape.mesh;
   std::string refused;
   std::optional<TemplateChoice> choice;
   try {
@@ -114,13 +115,23 @@ ProposedJoints chosen_joints(const Mesh& mesh, const std::vector<TemplateSkeleto
   } else {
     std::snprintf(reason, sizeof reason, "no template: %.120s", refused.c_str());
   }
+  std::string why = reason;
+  if (options.learned) {
+    std::string why_not;
+    std::optional<ProposedJoints> learned = options.learned(shape, why_not);
+    if (learned) {
+      learned->note += ", since " + why;
+      return std::move(*learned);
+    }
+    why += "; " + why_not;
+  }
   try {
-    return {propose_curve_skeleton(mesh, options.curve), std::string("curve, since ") + reason};
+    return {propose_curve_skeleton(mesh, options.curve), "curve, since " + why};
   } catch (const Interrupted&) {
     throw;
   } catch (const Error& error) {
     if (!choice) throw;
-    return {std::move(choice->embedded.skeleton), std::string(reason) + ", but there is no curve: " + error.what()};
+    return {std::move(choice->embedded.skeleton), why + ", but there is no curve: " + error.what()};
   }
 }
 
@@ -373,14 +384,12 @@ ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
     case JointSource::kAuto:
       if (!options_.skeleton.empty()) return {given_, "joints of " + options_.skeleton.filename().string()};
       if (shape.has_joints() && options_.keep_skeleton) return {skeleton_in(shape), "keeps its own joints"};
-      return chosen_joints(shape.mesh, templates_, options_);
+      return chosen_joints(shape, templates_, options_);
     case JointSource::kPinocchio:
       break;
   }
   return embedded(shape.mesh, templates_, options_.embedding);
 }
-
-namespace {}  // namespace
 
 RigReports rig_meshes(const RigRequest& request) {
   const auto source = io::open_meshes(request.meshes, {request.axes, false});

@@ -49,7 +49,8 @@ enum class JointSource {
   kTemplate,   ///< the middle skeleton of a collection, by bounding box (medoid())
   kCurve,      ///< the curve that the mesh contracts to (propose_curve_skeleton())
   kPinocchio,  ///< a template embedded in the mesh (choose_template())
-  kAuto        ///< the mesh's own skeleton where it has one or one is given, else a template that fits, else its curve
+  kAuto  ///< the mesh's own skeleton where it has one or one is given, else a template that fits, else learned joints
+         ///< where there are some (JointOptions::learned), else its curve
 };
 
 /// Penalty of an embedded template up to which JointSource::kAuto prefers it to the mesh's curve: least J2J over 54
@@ -70,6 +71,15 @@ struct RiggingMethod {
 RiggingMethod parse_rigging_method(const std::string& method, const std::string& skin = "");
 std::vector<std::string> rigging_method_words();
 
+/// Joints for one mesh.
+struct ProposedJoints {
+  Skeleton skeleton;  ///< the mesh's frame
+  std::string note;   ///< how it came about, for the report; may be empty
+};
+
+/// Joints of a mesh by whoever has learned to find them; nothing where it is not sure of them, and `why_not` says why.
+using SureJoints = std::function<std::optional<ProposedJoints>(const io::RiggedShape&, std::string& why_not)>;
+
 /// Options of the sources of joints.
 struct JointOptions {
   std::filesystem::path skeleton;      ///< kGiven, kAuto: the file whose joints to use, in the mesh's frame;
@@ -81,12 +91,7 @@ struct JointOptions {
   std::vector<std::filesystem::path> splits;  ///< of the collection
   CurveSkeletonOptions curve;
   EmbeddingOptions embedding;
-};
-
-/// Joints for one mesh.
-struct ProposedJoints {
-  Skeleton skeleton;  ///< the mesh's frame
-  std::string note;   ///< how it came about, for the report; may be empty
+  SureJoints learned;  ///< kAuto: asked for a mesh that no template fits, before the curve; may be unset
 };
 
 /// Finds joints for one mesh after another; what they share is read once. Const: several threads may ask at once.
@@ -115,6 +120,7 @@ class JointProposer {
 struct LearnedSteps {
   /// @param otherwise whoever else would propose joints, to be asked for the joints that are given
   std::function<ProposedJoints(const io::RiggedShape&, const JointProposer& otherwise)> propose;
+  SureJoints sure;  ///< for JointOptions::learned; rig_meshes() itself does not call it
   /// Called after it, for the same shape, unless the skeleton alone is wanted. @return one row per vertex
   std::function<SkinWeights(const io::RiggedShape&, const Skeleton&)> bind;
 };
@@ -170,6 +176,7 @@ std::string to_text(const RigReports& reports);
 
 namespace anigen {
 
+inline constexpr const char* kAnigen = "anigen";
 inline constexpr const char* kAnymate = "anymate";
 inline constexpr const char* kRignet = "rignet";
 inline constexpr const char* kLearnedSkin = "learned";  ///< word of --skin
@@ -179,9 +186,10 @@ struct RigArguments {
   std::string method = "auto", mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
   std::vector<std::string> image_splits;
   std::string image_dataset, retrieval_encoder;
-  std::string format;                                       ///< of the files in a folder; "": glb
-  std::string joint_model, connectivity_model, skin_model;  ///< of Anymate or RigNet
-  std::string skin_run;                                     ///< of the learned skin; empty: that of the shipped weights
+  std::string format;       ///< of the files in a folder; "": glb
+  std::string joint_model;  ///< of Anymate or RigNet; of anigen a folder of both flows, empty: the shipped weights
+  std::string connectivity_model, skin_model;  ///< of Anymate or RigNet
+  std::string skin_run;                        ///< of the learned skin; empty: that of the shipped weights
   std::int64_t points = 0;
   double joint_distance = 0.0;
   rigging::RigRequest request;

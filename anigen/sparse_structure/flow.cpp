@@ -336,14 +336,16 @@ void SparseStructureFlowStageOptions::fields(ConfigFields& f) {
   f("lambda_dice", lambda_dice, {0.0});
   f("dice_time", dice_time, {0.0, 1.0});
   f("dice_from_step", dice_from_step, {0});
+  f("p_given_shape", p_given_shape, {0.0, 1.0});
 }
 
-flow::Velocities structure_velocities(SparseStructureFlow model, const Tensor& condition, bool guided) {
-  const auto velocity_under = [model = std::move(model)](const Tensor& tokens) {
-    return [model, tokens](const flow::Streams& x, float time) mutable {
+flow::Velocities structure_velocities(SparseStructureFlow model, const Tensor& condition, bool guided,
+                                      bool given_shape) {
+  const auto velocity_under = [model = std::move(model), given_shape](const Tensor& tokens) {
+    return [model, tokens, given_shape](const flow::Streams& x, float time) mutable {
       const Tensor t = torch::full({x[0].size(0)}, time, x[0].options());
       const Velocity velocity = model->forward(x[0], x[1], t, tokens);
-      return flow::Streams{velocity.shape, velocity.skeleton};
+      return flow::Streams{given_shape ? torch::zeros_like(x[0]) : velocity.shape, velocity.skeleton};
     };
   };
   flow::Velocities velocities;

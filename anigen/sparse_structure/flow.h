@@ -148,12 +148,17 @@ struct SparseStructureFlowStageOptions : flow::FlowStageOptions, JsonOptions<Spa
   double lambda_dice = 0.0;  ///< weight of 1 − Dice of shape and of skeleton; 0: none. Needs ss_dec_path
   double dice_time = 0.9;    ///< items of this time and later take part: earlier predictions are nearly the truth
   std::int64_t dice_from_step = 0;
+  /// Ours: share of items whose shape stream sees the clean latent, at any time, and is not judged: a model that finds
+  /// the skeleton of a given shape (generate/field_rigger.h). 0: both streams are noisy, as published.
+  double p_given_shape = 0.0;
 
   void fields(ConfigFields& f);  ///< `image_encoder` is read by vision::make_condition_encoder()
 };
 
 /// Velocities of the sparse-structure flow for flow::sample_flow: streams shape, then skeleton.
 /// @param condition [B, M, C] tokens on the model's device @param guided also the velocity under a condition of zeros
-flow::Velocities structure_velocities(SparseStructureFlow model, const torch::Tensor& condition, bool guided);
+/// @param given_shape the first stream begins as the clean latent of a shape and stays so (p_given_shape)
+flow::Velocities structure_velocities(SparseStructureFlow model, const torch::Tensor& condition, bool guided,
+                                      bool given_shape = false);
 
 }  // namespace anigen::sparse_structure

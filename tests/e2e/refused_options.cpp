@@ -223,6 +223,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "heat --skin-run .", {"--skin-run", "--skin learned"});
   check.refuses(rig + "heat --skin learned --falloff 0.5", {"--falloff", "learned"});
   check.refuses(rig + "anymate --skin-model . --skin learned", {"--skin", "--skin-model"});
+  check.refuses(rig + "anigen --skeleton s.glb", {"--skeleton", "--method anigen"});
+  check.refuses(rig + "anigen --skin-model .", {"--skin-model", "anymate"});
+  check.refuses(rig + "heat --joint-model .", {"--joint-model", "anigen"});
   check.refuses(rig + "heat --image a.png", {"--image", "retrieval"});
   check.refuses(rig + "heat --points 100", {"--points", "anymate"});
   check.refuses(rig + "heat --author A", {"--author", ".vrm"});

@@ -6,8 +6,10 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/gltf.h"
+#include "anigen/io/ply.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "tests/support/parsed_gltf.h"
@@ -346,6 +348,32 @@ TEST_F(RigMeshes, WithoutAMethodOwnJointsStayAndOthersAreFound) {
   request_.meshes = folder_ / "meshes/same.glb";
   request_.out = folder_ / "high.glb";
   EXPECT_EQ(rig_meshes(request_).meshes.front().note, "joints of high.glb");
+}
+
+TEST_F(RigMeshes, WhereNoTemplateFitsLearnedJointsGoBeforeTheCurve) {
+  Mesh rod = geometry::icosphere(3, 1.0);
+  for (Eigen::Vector3f& vertex : rod.vertices) vertex = vertex.cwiseProduct(Eigen::Vector3f(1.0F, 0.04F, 0.04F));
+  io::write_ply(folder_ / "rod.ply", rod);
+  request_.method = parse_rigging_method("auto");
+  request_.joints = {};
+  request_.meshes = folder_ / "rod.ply";
+  request_.out = folder_ / "rigged.glb";
+  bool knows = true;
+  request_.joints.learned = [&](const io::RiggedShape& shape, std::string& why_not) -> std::optional<ProposedJoints> {
+    EXPECT_TRUE(shape.has_surface());
+    why_not = "never seen a rod";
+    if (!knows) return std::nullopt;
+    return ProposedJoints{skeleton_from_joints({{0, 0, 0}, {0, 0, 1}}, {-1, 0}), "learned"};
+  };
+  RigReport report = rig_meshes(request_).meshes.at(0);
+  EXPECT_EQ(report.failure, "");
+  EXPECT_EQ(report.joints, 2u);
+  EXPECT_EQ(report.note.rfind("learned, since ", 0), 0u) << report.note;
+  knows = false;
+  report = rig_meshes(request_).meshes.at(0);
+  EXPECT_EQ(report.failure, "");
+  EXPECT_NE(report.note.find("never seen a rod"), std::string::npos) << report.note;
+  EXPECT_EQ(report.note.rfind("curve, since ", 0), 0u) << report.note;
 }
 
 TEST_F(RigMeshes, WithoutABindingTheSkeletonAloneIsWritten) {

@@ -84,9 +84,9 @@ inline constexpr OptionRow kOptions[] = {
     {"--no-ema", 0, "", "Models", "Use the weights themselves", ""},
     {"--precision", 0, "fp32|bf16", "Models", "Precision of the flows; bf16 takes half the memory", ""},
     {"--low-memory", 0, "", "Models", "Keep one model in memory at a time; each is read again per image", ""},
-    {"--joint-model", 0, "PATH", "Models", "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a checkpoint as released [given joints]", ""},
-    {"--connectivity-model", 0, "PATH", "Models", "For both, likewise [the shortest tree through predicted joints; given joints keep theirs]", ""},
-    {"--skin-model", 0, "PATH", "Models", "For both, likewise [as --skin says, or geovoxel]", ""},
+    {"--joint-model", 0, "PATH", "Models", "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a checkpoint as released [given joints]; for anigen: a folder with both flows [rig/ of the weights that are found]", ""},
+    {"--connectivity-model", 0, "PATH", "Models", "For anymate and rignet, likewise [the shortest tree through predicted joints; given joints keep theirs]", ""},
+    {"--skin-model", 0, "PATH", "Models", "For anymate and rignet, likewise [as --skin says, or geovoxel]", ""},
     {"--skin-run", 0, "DIR", "Models", "Run folder of AniGenSkinCorrectionTrainer", ""},
     // --- Images ---
     {"--background", 0, "WORD", "Images", "Removal of the background: auto, keep, alpha, grabcut", ""},

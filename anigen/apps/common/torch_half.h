@@ -60,7 +60,7 @@ struct TorchHalf {
   // Parts of programs.
   /// anigen-rig --method retrieval.
   void (*retrieve)(const RigArguments& arguments, const CommonOptions& common);
-  /// anigen-rig --method anymate or rignet.
+  /// anigen-rig --method anigen, anymate or rignet; for auto the joints that it is sure of (LearnedSteps::sure).
   rigging::LearnedSteps (*learned_steps)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-rig --skin learned: the step that binds.
   rigging::LearnedSteps (*learned_skin)(const RigArguments& arguments, const CommonOptions& common);

@@ -17,6 +17,7 @@
 #include "anigen/generate/encode_report.h"
 #include "anigen/generate/evaluate.h"
 #include "anigen/generate/evaluate_matting.h"
+#include "anigen/generate/field_rigger.h"
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/oracle.h"
 #include "anigen/generate/retrieve.h"
@@ -261,8 +262,25 @@ void run_generate(const GenerateArguments& arguments, const CommonOptions& commo
   require_inputs(reports, "images gave no asset", common);
 }
 
+/// Nothing for --method auto where no weights are found.
+rigging::LearnedSteps field_steps(const RigArguments& arguments, const CommonOptions& common) {
+  generate::FieldRigger::Request request;
+  request.flows = arguments.joint_model.empty() ? generate::shipped_rig_flows()
+                                                : generate::find_flow_runs(arguments.joint_model, false);
+  if (request.flows.structure.empty() && arguments.method != kAnigen) return {};
+  if (request.flows.structure.empty()) {
+    throw InputError("", "--method anigen",
+                     "no rig/ss_flow and rig/slat_flow are among the weights that come with this program; name a "
+                     "folder of both flows with --joint-model");
+  }
+  request.device = common.device;
+  if (common.seed) request.seed = *common.seed;
+  return generate::FieldRigger::steps(std::make_shared<generate::FieldRigger>(request));
+}
+
 rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
+  if (arguments.method == kAnigen || arguments.method == "auto") return field_steps(arguments, common);
   const generate::LearnedModelFiles files{arguments.joint_model, arguments.connectivity_model, arguments.skin_model};
   const torch::Device device = nn::parse_device(common.device);
   const std::size_t influences = arguments.request.binding.heat.most_influences;

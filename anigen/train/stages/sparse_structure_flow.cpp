@@ -34,14 +34,20 @@ class SparseStructureFlowStage final
   };
 
   // ‖v(x_t, t, c) − v*‖² of both streams: x_t = (1 − t) x_0 + (σ + (1 − σ) t) ε, v* = (1 − σ) ε − x_0.
+  // Given shapes stay x_0 and count for nothing. @param given [B] bool; undefined: none
   ItemErrors errors(const StructureLatentBatch& latents, const Tensor& t, const flow::Streams& noise,
-                    const Tensor& condition) {
+                    const Tensor& condition, const Tensor& given) {
     const Tensor times = t.to(parts_.device), e = placed(noise[0]), e_skl = placed(noise[1]);
     const Tensor x_0 = placed(latents.x_0), x_0_skl = placed(latents.x_0_skl);
     const double sigma = options_.sigma_min;
-    const Tensor x_t = flow::noisy(x_0, e, times, sigma), x_t_skl = flow::noisy(x_0_skl, e_skl, times, sigma);
+    Tensor x_t = flow::noisy(x_0, e, times, sigma);
+    const Tensor x_t_skl = flow::noisy(x_0_skl, e_skl, times, sigma);
+    const Tensor is_given = given.defined() ? nn::to_device(given, parts_.device) : Tensor();
+    if (given.defined()) x_t = torch::where(is_given.view({-1, 1, 1, 1, 1}), x_0, x_t);
     const sparse_structure::Velocity v = parts_.model->forward(x_t, x_t_skl, flow::model_time(times), condition);
-    return {flow::mse_per_item(v.shape, flow::velocity_target(x_0, e, sigma)),
+    Tensor shape = flow::mse_per_item(v.shape, flow::velocity_target(x_0, e, sigma));
+    if (given.defined()) shape = shape.masked_fill(is_given, 0.0);
+    return {shape,
             flow::mse_per_item(v.skeleton, flow::velocity_target(x_0_skl, e_skl, sigma)),
             {flow::x0_from_velocity(x_t, v.shape, times, sigma),
              flow::x0_from_velocity(x_t_skl, v.skeleton, times, sigma)}};
@@ -63,7 +69,8 @@ class SparseStructureFlowStage final
   }
 
   // Σ over late items / items of the micro-batch, so that its weight does not depend on how many are late.
-  Tensor late_dice(const StructureLatentBatch& latents, const Tensor& t, const flow::Streams& predicted) {
+  Tensor late_dice(const StructureLatentBatch& latents, const Tensor& t, const flow::Streams& predicted,
+                   const Tensor& given) {
     const Tensor late = (t >= options_.dice_time).nonzero().squeeze(1);
     if (late.numel() == 0) return {};
     const auto rows = [&](const Tensor& x) { return x.index_select(0, late.to(x.device())); };
@@ -73,8 +80,9 @@ class SparseStructureFlowStage final
       own = decoded(rows(latents.x_0), rows(latents.x_0_skl));
     }
     const auto found = decoded(rows(predicted[0]), rows(predicted[1]));
-    return (dice_loss(found.shape, own.shape) + dice_loss(found.skeleton, own.skeleton)).sum() /
-           static_cast<double>(t.size(0));
+    Tensor shape = dice_loss(found.shape, own.shape);
+    if (given.defined()) shape = shape.masked_fill(rows(nn::to_device(given, parts_.device)), 0.0);
+    return (shape + dice_loss(found.skeleton, own.skeleton)).sum() / static_cast<double>(t.size(0));
   }
 
   // Noise of the shape, then of the skeleton, as published.
@@ -89,11 +97,14 @@ class SparseStructureFlowStage final
     const flow::Streams noise = noise_like(latents, generator);
     const std::int64_t items = latents.x_0.size(0);
     const Tensor t = options_.t_schedule.sample(items, generator);
-    const ItemErrors found = errors(latents, t, noise, training_condition(latents.cond, items, generator));
+    const Tensor condition = training_condition(latents.cond, items, generator);
+    Tensor given;  // drawn last, so that the other draws are those of a run without
+    if (options_.p_given_shape > 0.0) given = flow::draw_condition_dropout(items, options_.p_given_shape, generator);
+    const ItemErrors found = errors(latents, t, noise, condition, given);
     const Tensor mse = found.shape.mean(), mse_skl = found.skeleton.mean();
     Losses losses{mse + mse_skl, {{"mse", mse}, {"mse_skl", mse_skl}}};
     if (options_.lambda_dice > 0.0 && context.step >= options_.dice_from_step) {
-      const Tensor dice = late_dice(latents, t, found.predicted);
+      const Tensor dice = late_dice(latents, t, found.predicted, given);
       if (dice.defined()) {
         losses.total = losses.total + options_.lambda_dice * dice;
         losses.terms.emplace_back("dice", dice);
@@ -105,14 +116,19 @@ class SparseStructureFlowStage final
     return losses;
   }
 
-  double judge(const StructureLatentBatch& given, const Tensor& condition, std::uint64_t index, Values& sums) override {
+  // Held-out shapes are given where all of the training's are.
+  Tensor all_given(std::int64_t items) const {
+    return options_.p_given_shape == 1.0 ? torch::ones({items}, torch::kBool) : Tensor();
+  }
+
+  double judge(const StructureLatentBatch& read, const Tensor& condition, std::uint64_t index, Values& sums) override {
     if (sums.empty()) sums = {{"mse", 0.0}, {"mse_skl", 0.0}};
     const Tensor t = options_.eval_grid();
-    StructureLatentBatch latents = given;  // once per time
+    StructureLatentBatch latents = read;  // once per time
     latents.x_0 = latents.x_0.expand({t.size(0), -1, -1, -1, -1}).contiguous();
     latents.x_0_skl = latents.x_0_skl.expand({t.size(0), -1, -1, -1, -1}).contiguous();
     const flow::Streams noise = noise_like(latents, nn::numbered_generator(options_.seed, "held-out flow", index));
-    const ItemErrors found = errors(latents, t, noise, condition);
+    const ItemErrors found = errors(latents, t, noise, condition, all_given(t.size(0)));
     sums[0].second += found.shape.mean().item<double>();
     sums[1].second += found.skeleton.mean().item<double>();
     return 1.0;
@@ -127,9 +143,11 @@ class SparseStructureFlowStage final
     };
     const flow::Streams noise = noise_like(latents, nn::numbered_generator(options_.seed, "flow sample", index));
     const auto drawn = [&](bool guided) {
-      const auto velocities = sparse_structure::structure_velocities(parts_.model, condition, guided);
+      const bool given = options_.p_given_shape == 1.0;
+      const auto velocities = sparse_structure::structure_velocities(parts_.model, condition, guided, given);
+      const Tensor& first = given ? latents.x_0 : noise[0];
       const flow::Streams x =
-          flow::sample_flow({placed(noise[0]), placed(noise[1])}, velocities, options_.sampler).samples;
+          flow::sample_flow({placed(first), placed(noise[1])}, velocities, options_.sampler).samples;
       return voxels(x[0], x[1]);
     };
     VoxelSheetRow row;

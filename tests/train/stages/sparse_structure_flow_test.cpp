@@ -108,6 +108,38 @@ TEST_F(StructureFlow, DiceOfDecodedVoxelsCanBePartOfTheLoss) {
   EXPECT_EQ(dice_of("trainer.args.dice_from_step=4"), -1.0);
 }
 
+TEST_F(StructureFlow, GivenShapesAreSeenCleanAndCountForNothing) {
+  const auto flow = stage({"trainer.args.p_given_shape=1"});
+  const auto batch = batch_of(*flow);
+  auto& latents = dynamic_cast<data::StructureLatentBatch&>(*batch);
+  const Losses losses = flow->losses(*batch, {5, 0, 0});
+  EXPECT_EQ(term(losses, "mse"), 0.0);
+  EXPECT_GT(term(losses, "mse_skl"), 0.0);
+  EXPECT_EQ(total_loss(losses), term(losses, "mse_skl"));
+  EXPECT_EQ(flow->evaluate().front().second, 0.0) << "held-out shapes are given, too";
+  // Noise and times are those of a run without, so that only what is seen of the shape differs.
+  const auto noisy = stage();
+  const Losses without = noisy->losses(*batch, {5, 0, 0});
+  EXPECT_GT(term(without, "mse"), 0.0);
+  EXPECT_NE(term(without, "mse_skl"), term(losses, "mse_skl"));
+  latents.x_0 = latents.x_0 + 1.0;
+  EXPECT_NE(term(flow->losses(*batch, {5, 0, 0}), "mse_skl"), term(losses, "mse_skl")) << "the shape decides";
+}
+
+TEST_F(StructureFlow, SomeShapesCanBeGiven) {
+  const auto some = stage({"trainer.args.p_given_shape=0.5"});
+  const auto batch = batch_of(*some);
+  bool differs = false, whole = false;
+  for (std::uint64_t step = 0; step < 16; ++step) {
+    const double mse = term(some->losses(*batch, {step, 0, 0}), "mse"),
+                 all = term(stage()->losses(*batch, {step, 0, 0}), "mse");
+    EXPECT_LE(mse, all * (1.0 + 1e-6));
+    differs = differs || mse < all * (1.0 - 1e-6);
+    whole = whole || std::abs(mse - all) <= 1e-6 * all;
+  }
+  EXPECT_TRUE(differs && whole) << "of two items none, one or both are given";
+}
+
 TEST_F(StructureFlow, EvaluationRepeatsItself) {
   const auto flow = stage();
   const Values first = flow->evaluate();
@@ -159,6 +191,7 @@ TEST_F(StructureFlow, BadConfigsNameTheKey) {
   EXPECT_NE(message({"trainer.args.image_encoder={\"name\": \"dinov2\"}"}).find("weights"), std::string::npos);
   EXPECT_NE(message({"trainer.args.image_encoder.nme=1"}).find("nme"), std::string::npos);
   EXPECT_NE(message({"trainer.args.p_uncnd=1"}).find("p_uncond"), std::string::npos);
+  EXPECT_NE(message({"trainer.args.p_given_shape=1.5"}).find("p_given_shape"), std::string::npos);
   EXPECT_NE(message({"trainer.args.sampler.sigma_min=0.001"}).find("sigma_min"), std::string::npos);
   EXPECT_NE(message({"trainer.args.sampler.steps=null"}).find("steps"), std::string::npos);
   EXPECT_NE(message({"trainer.args.train_inpaint=true"}).find("not supported"), std::string::npos);
