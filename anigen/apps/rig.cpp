@@ -242,9 +242,11 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
 int main(int argc, char** argv) {
   Program program(
       "anigen-rig",
-      "Rigs meshes by methods that learned nothing, or by models of Anymate or RigNet, to use or to compare with.",
+      "Rigs meshes by methods that learned nothing, by our flows, or by models of Anymate or RigNet, to use or to "
+      "compare with.",
       "  anigen-rig statue.glb -o rigged.glb --preview\n"
       "  anigen-rig statue.glb -o rigged.fbx\n"
+      "  anigen-rig cat.glb --method anigen -o rigged.glb\n"
       "  anigen-rig --method curve -m meshes/ -o rigged/ --format usdz\n"
       "  anigen-rig hero.glb --height 1.8 --ground --names unreal --root-bone -o hero_unreal.glb\n"
       "  anigen-rig hero.glb --author \"A. Name\" -o hero.vrm\n"
@@ -260,7 +262,8 @@ int main(int argc, char** argv) {
   std::vector<std::string> methods = rigging::rigging_method_words();
   methods.insert(methods.end(), {"retrieval", kAnigen, kAnymate, kRignet});
   add_option(app, "--method", options.method,
-             ". auto: the mesh's own joints, or else a template that fits, or else the mesh's curve, bound by heat; "
+             ". auto: the mesh's own joints, or else a template that fits, or else those of anigen where they are "
+             "sure, or else the mesh's curve, bound by heat; "
              "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
              "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
              "the curve that the mesh contracts to, bound by geovoxel; template: the dataset's middle skeleton in "
