@@ -58,7 +58,8 @@ void add_sampling_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--ss-interval", arguments.structure_interval)->check(number(0, 1))->expected(2);
   add_option(app, "--slat-interval", arguments.latent_interval)->check(number(0, 1))->expected(2);
   add_option(app, "--solver", arguments.solver);
-  CLI::Option* joints = add_option(app, "--joints", arguments.joints)->check(whole_number(0, 10'000));
+  CLI::Option* joints =
+      add_option(app, "--joints", arguments.joints, ", for flows trained with it")->check(whole_number(0, 10'000));
   CLI::Option* density = add_option(app, "--joint-density", arguments.joint_density)->check(number(0, 1));
   add_option(app, "--joint-level", arguments.joint_level)
       ->check(whole_number(0, 4))

@@ -77,6 +77,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     request.influences = request.binding.geodesic.most_influences = request.binding.heat.most_influences =
         *options.influences;
   request.graft = !options.no_graft;
+  request.separate_bodies = !options.one_body;
   request.axes = io::parse_axes(options.mesh_up);
   if (!options.bone_axes.empty()) request.engine.axes = rigging::parse_bone_axes(options.bone_axes);
   if (!options.names.empty()) request.engine.names = rigging::parse_name_style(options.names);
@@ -114,6 +115,10 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--skeleton", request.joints.skeleton);
   add_option(app, "--new-skeleton", options.new_skeleton);
   add_option(app, "--template", request.joints.templates)->check(one_of(rigging::template_words()));
+  add_option(app, "--joints", request.edits.joints)->check(whole_number(0, 1000));
+  add_option(app, "--symmetric", request.edits.symmetric);
+  add_option(app, "--add-joints", request.edits.extend);
+  add_option(app, "--one-body", options.one_body);
   add_option(app, "--geovoxel-resolution", request.binding.geodesic.resolution)->check(whole_number(2, 512));
   add_option(app, "--falloff", request.binding.geodesic.falloff)->check(number(0, 1));
   add_option(app, "--curve-joints", request.joints.curve.most_joints)->check(whole_number(2, 10'000));
@@ -178,7 +183,8 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                        "--format",     "--preview",      "--joint-model", "--connectivity-model",
                        "--skin-model", "--skin-run",     "--points",      "--joint-distance",
                        "--seed",       "--bone-axes",    "--height",      "--ground",
-                       "--root-bone",  "--names",        "--author",      "--copyright"},
+                       "--root-bone",  "--names",        "--author",      "--copyright",
+                       "--joints",     "--symmetric",    "--add-joints",  "--one-body"},
                  whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
@@ -211,6 +217,10 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (method != "curve" && !automatic) refuse_given(app, {"--curve-joints"}, whose + "; it is for curve and auto");
   if (method != "pinocchio" && !automatic) refuse_given(app, {"--template"}, whose + "; it is for pinocchio and auto");
   if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
+  if (!automatic && !fields) refuse_given(app, {"--one-body"}, whose + "; it is for auto and anigen");
+  if (!automatic && method != "nearest" && method != "geovoxel" && method != "heat")
+    refuse_given(app, {"--add-joints"}, whose + ", which makes the skeleton itself");
+  if (options.new_skeleton) refuse_given(app, {"--add-joints"}, "adds to the skeleton that --new-skeleton leaves out");
   if (method == "curve" || method == "template" || fields)
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (options.skin != kLearnedSkin) refuse_given(app, {"--skin-run"}, "corrects weights for --skin learned alone");
@@ -248,6 +258,7 @@ int main(int argc, char** argv) {
       "  anigen-rig statue.glb -o rigged.fbx\n"
       "  anigen-rig cat.glb --method anigen -o rigged.glb\n"
       "  anigen-rig --method curve -m meshes/ -o rigged/ --format usdz\n"
+      "  anigen-rig dog.glb --joints 24 --symmetric -o dog_24.glb\n"
       "  anigen-rig hero.glb --height 1.8 --ground --names unreal --root-bone -o hero_unreal.glb\n"
       "  anigen-rig hero.glb --author \"A. Name\" -o hero.vrm\n"
       "  anigen-rig --method geovoxel -m body.glb --skeleton rig.glb -o rigged.glb\n"

@@ -2,7 +2,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -268,7 +270,9 @@ class EmbeddingSpace {
     medial_distance_ = distance_to_medial(field_, samples_);
   }
 
-  EmbeddedSkeleton embed(const TemplateSkeleton& skeleton) const {
+  /// @param least penalty of all templates yet, to which this one's is added; beyond it a template is given up, and has
+  /// an infinite penalty and no skeleton
+  EmbeddedSkeleton embed(const TemplateSkeleton& skeleton, std::atomic<double>& least) const {
     EmbeddedSkeleton result;
     TemplateSkeleton used;
     ReducedSkeleton reduced;
@@ -279,14 +283,22 @@ class EmbeddingSpace {
       TemplateSkeleton tried = skeleton;
       for (TemplateJoint& joint : tried.joints) joint.position = joint.position.cwiseProduct(factors);
       ReducedSkeleton tried_reduced = reduced_skeleton(tried, options_.size);
-      DiscreteEmbedding embedding = discrete_embedding(graph_, tried_reduced, options_);
+      const double surcharge = options_.stretch_weight * factors.array().log().square().sum();
+      DiscreteEmbedding embedding = discrete_embedding(graph_, tried_reduced, options_, &least, surcharge);
       result.states += embedding.states;
-      embedding.penalty += options_.stretch_weight * factors.array().log().square().sum();
-      if (stretched && !(embedding.penalty < found.penalty)) continue;
+      embedding.penalty += surcharge;
+      if (embedding.given_up || (!found.vertices.empty() && !(embedding.penalty < found.penalty))) continue;
+      for (double known = least; embedding.penalty < known;) {
+        if (least.compare_exchange_weak(known, embedding.penalty)) break;
+      }
       result.stretched = stretched;
       used = std::move(tried);
       reduced = std::move(tried_reduced);
       found = std::move(embedding);
+    }
+    if (found.vertices.empty()) {
+      result.penalty = std::numeric_limits<double>::infinity();
+      return result;
     }
     for (TemplateJoint& joint : used.joints) joint.position *= options_.size;
 
@@ -339,7 +351,8 @@ TemplateChoice choose_template(const Mesh& mesh, const std::vector<TemplateSkele
   check(options);
   const EmbeddingSpace space(mesh, options);
   std::vector<EmbeddedSkeleton> embedded(templates.size());
-  parallel_for(templates.size(), [&](std::size_t i) { embedded[i] = space.embed(templates[i]); });
+  std::atomic<double> least = std::numeric_limits<double>::infinity();
+  parallel_for(templates.size(), [&](std::size_t i) { embedded[i] = space.embed(templates[i], least); });
   TemplateChoice choice;
   for (std::size_t i = 0; i < templates.size(); ++i) {
     choice.penalties.push_back(embedded[i].penalty);

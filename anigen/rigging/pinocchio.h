@@ -39,7 +39,7 @@ EmbeddedSkeleton embed_skeleton(const Mesh& mesh, const TemplateSkeleton& skelet
 struct TemplateChoice {
   std::size_t index = 0;          ///< of the template with the least penalty, the first of equals
   EmbeddedSkeleton embedded;      ///< that one
-  std::vector<double> penalties;  ///< [templates]
+  std::vector<double> penalties;  ///< [templates]; infinite where the search gave up, since another one costs less
 };
 
 /// Embeds every template and takes the one of least penalty; the mesh is made ready once.

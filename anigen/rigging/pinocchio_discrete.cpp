@@ -334,10 +334,13 @@ struct SearchState {
 /// The tree of partial embeddings.
 class EmbeddingSearch {
  public:
-  EmbeddingSearch(const SphereGraph& graph, const ReducedSkeleton& skeleton, const EmbeddingOptions& options)
+  EmbeddingSearch(const SphereGraph& graph, const ReducedSkeleton& skeleton, const EmbeddingOptions& options,
+                  const std::atomic<double>* limit, double surcharge)
       : graph_(graph),
         skeleton_(skeleton),
         options_(options),
+        limit_(limit),
+        surcharge_(surcharge),
         penalties_(graph, skeleton, options),
         bounds_(penalties_, skeleton, graph.size()),
         lone_rows_(skeleton.joints.size(), std::vector<std::vector<float>>(graph.size() + 1)) {}
@@ -351,6 +354,8 @@ class EmbeddingSearch {
 
  private:
   std::size_t joints() const { return skeleton_.joints.size(); }
+
+  bool is_beyond_limit(double cost) const { return limit_ != nullptr && cost + surcharge_ > *limit_; }
 
   std::vector<int> vertices_of(const SearchState& state) const {
     std::vector<int> vertices(at(state.depth));
@@ -410,6 +415,10 @@ class EmbeddingSearch {
     };
     expand(-1, keep);
     while (!open.empty() && expanded_ < options_.most_states) {
+      if (is_beyond_limit(open.top().first)) {
+        result.given_up = true;
+        return true;
+      }
       const int top = open.top().second;
       open.pop();
       if (at(states_[at(top)].depth) == joints()) {
@@ -420,7 +429,9 @@ class EmbeddingSearch {
       }
       expand(top, keep);
     }
-    return false;
+    // Whatever is left breaks a rule.
+    result.given_up = open.empty() && is_beyond_limit(kMostCost);
+    return result.given_up;
   }
 
   void beam(DiscreteEmbedding& result) {
@@ -448,6 +459,8 @@ class EmbeddingSearch {
   const SphereGraph& graph_;
   const ReducedSkeleton& skeleton_;
   const EmbeddingOptions& options_;
+  const std::atomic<double>* limit_;
+  double surcharge_;
   EmbeddingPenalties penalties_;
   SubtreeBounds bounds_;
   std::vector<std::vector<std::vector<float>>> lone_rows_;  ///< [joint][vertex of its parent + 1][candidate]
@@ -459,8 +472,9 @@ class EmbeddingSearch {
 }  // namespace
 
 DiscreteEmbedding discrete_embedding(const SphereGraph& graph, const ReducedSkeleton& skeleton,
-                                     const EmbeddingOptions& options) {
-  return EmbeddingSearch(graph, skeleton, options).run();
+                                     const EmbeddingOptions& options, const std::atomic<double>* limit,
+                                     double surcharge) {
+  return EmbeddingSearch(graph, skeleton, options, limit, surcharge).run();
 }
 
 }  // namespace anigen::rigging

@@ -1,4 +1,5 @@
 #pragma once
+#include <atomic>
 #include <cstddef>
 #include <vector>
 
@@ -42,6 +43,7 @@ struct DiscreteEmbedding {
   std::vector<int> vertices;  ///< [K], of the sphere graph, one per reduced joint
   double penalty = 0.0;
   bool best = false;       ///< no embedding that breaks no rule costs less
+  bool given_up = false;   ///< every embedding costs more than the limit; there are no vertices
   std::size_t states = 0;  ///< partial embeddings that were taken up
 };
 
@@ -53,7 +55,10 @@ struct DiscreteEmbedding {
 /// If no embedding keeps all rules below a cost of 1, or the search has taken up options.most_states, a beam search
 /// that may break rules gives the answer: a rule that is broken costs 1. Time is so bounded by
 /// (most_states + joints · beam_width) · spheres, memory by most_states · spheres.
+/// @param limit the search gives up when every embedding costs more; other threads may lower it meanwhile. Null: none
+/// @param surcharge what is added to the penalty before it is compared with the limit
 DiscreteEmbedding discrete_embedding(const SphereGraph& graph, const ReducedSkeleton& skeleton,
-                                     const EmbeddingOptions& options);
+                                     const EmbeddingOptions& options, const std::atomic<double>* limit = nullptr,
+                                     double surcharge = 0.0);
 
 }  // namespace anigen::rigging

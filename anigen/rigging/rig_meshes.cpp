@@ -21,6 +21,7 @@
 #include "anigen/io/gltf/rig.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/write_rigged.h"
+#include "anigen/rigging/bodies.h"
 #include "anigen/rigging/write_rig.h"
 
 namespace anigen::rigging {
@@ -245,23 +246,79 @@ SkinWeights bound(const Asset& asset, const RigRequest& request, std::string& no
   }
 }
 
+bool keeps_joints(const io::RiggedShape& shape, const RigRequest& request) {
+  const JointSource source = request.method.joints;
+  const bool has_given = !request.joints.skeleton.empty() || (request.joints.keep_skeleton && shape.has_joints());
+  return source == JointSource::kGiven || (source == JointSource::kAuto && has_given);
+}
+
+/// Joints of one body, as the request wants them.
+ProposedJoints joints_of(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request) {
+  const LearnedSteps& learned = request.learned;
+  ProposedJoints proposed = learned.propose ? learned.propose(shape, proposer) : proposer.propose(shape);
+  Skeleton& skeleton = proposed.skeleton;
+  const std::size_t before = skeleton.size();
+  const auto add = [&](const std::string& text) { proposed.note += (proposed.note.empty() ? "" : ", ") + text; };
+  if (request.edits.extend) {
+    if (!keeps_joints(shape, request))
+      throw InputError(shape.file, "--add-joints", "holds no skeleton that joints could be added to");
+    skeleton = extended_skeleton(skeleton, propose_curve_skeleton(shape.mesh, request.joints.curve), shape.mesh);
+    add(std::to_string(skeleton.size() - before) + " joints added");
+  }
+  if (request.edits.symmetric) {
+    const Box box = bounding_box(shape.mesh.vertices);
+    skeleton = mirrored_skeleton(skeleton, box.center().x(), box.diagonal());
+    add("made symmetric");
+  }
+  if (request.edits.joints > 0 && request.edits.joints != skeleton.size()) {
+    add(std::to_string(request.edits.joints) + " joints made of " + std::to_string(skeleton.size()));
+    skeleton = with_joint_count(skeleton, request.edits.joints);
+  }
+  return proposed;
+}
+
+SkinWeights weights_of(const io::RiggedShape& shape, const Skeleton& skeleton, const RigRequest& request,
+                       std::string& note) {
+  if (request.learned.bind) return request.learned.bind(shape, skeleton);
+  Asset asset;
+  asset.mesh = shape.mesh;
+  asset.skeleton = skeleton;
+  return bound(asset, request, note);
+}
+
+// Shapes are read without the orientation of their joints. Those of a file's own joints stay with its nodes.
+Skeleton unrotated(const Skeleton& skeleton) { return io::unrotated_in_file(skeleton, io::ExportAxes::kGltf); }
+
 Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
              RigReport& report) {
   const auto started = std::chrono::steady_clock::now();
-  const LearnedSteps& learned = request.learned;
-  ProposedJoints proposed = learned.propose ? learned.propose(shape, proposer) : proposer.propose(shape);
-  report.note = std::move(proposed.note);
+  const bool may_be_several = request.separate_bodies && request.method.joints == JointSource::kAuto &&
+                              !keeps_joints(shape, request) && shape.has_surface() &&
+                              !io::has_extension(request.out, {".vrm"});
+  const std::vector<SeparateBody> bodies = may_be_several ? separate_bodies(shape.mesh) : std::vector<SeparateBody>();
+  std::vector<io::RiggedShape> parts;
+  std::vector<Skeleton> skeletons;
+  for (const SeparateBody& body : bodies) {
+    parts.emplace_back(shape.id, shape.file);
+    parts.back().mesh = body.mesh;
+    ProposedJoints proposed = joints_of(parts.back(), proposer, request);
+    add_note("body " + std::to_string(parts.size()) + ": " + proposed.note, report);
+    skeletons.push_back(std::move(proposed.skeleton));
+  }
+  if (bodies.empty()) {
+    ProposedJoints proposed = joints_of(shape, proposer, request);
+    report.note = std::move(proposed.note);
+    skeletons.push_back(std::move(proposed.skeleton));
+  }
+  Skeleton skeleton = unrotated(bodies.empty() ? skeletons.front() : joined_skeleton(skeletons));
   report.joint_seconds = seconds_since(started);
-  // Shapes are read without the orientation of their joints. Those of a file's own joints stay with its nodes.
-  proposed.skeleton = io::unrotated_in_file(proposed.skeleton, io::ExportAxes::kGltf);
   if (!request.method.binding) {
     if (request.engine.any()) {
-      const EngineRig rig =
-          engine_rig(proposed.skeleton, bounding_box(shape.mesh.vertices), {}, request.engine, shape.file);
+      const EngineRig rig = engine_rig(skeleton, bounding_box(shape.mesh.vertices), {}, request.engine, shape.file);
       add_note(rig.note, report);
-      proposed.skeleton = oriented(rig, request.engine);
+      skeleton = oriented(rig, request.engine);
     }
-    Asset solid = geometry::skeleton_asset(proposed.skeleton);
+    Asset solid = geometry::skeleton_asset(skeleton);
     solid.name = shape.id;
     return solid;
   }
@@ -272,8 +329,15 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
   asset.mesh = shape.mesh;
   asset.materials = shape.materials;
   asset.images = shape.images;
-  asset.skeleton = std::move(proposed.skeleton);
-  asset.skin = learned.bind ? learned.bind(shape, asset.skeleton) : bound(asset, request, report.note);
+  asset.skeleton = std::move(skeleton);
+  if (bodies.empty()) {
+    asset.skin = weights_of(shape, asset.skeleton, request, report.note);
+  } else {
+    std::vector<SkinWeights> skins;
+    for (std::size_t b = 0; b < bodies.size(); ++b)
+      skins.push_back(weights_of(parts[b], unrotated(skeletons[b]), request, report.note));
+    asset.skin = joined_skin(bodies, skins, skeletons, shape.mesh.vertices.size());
+  }
   report.binding_seconds = seconds_since(found);
   return asset;
 }

@@ -16,6 +16,7 @@
 #include "anigen/rigging/curve.h"
 #include "anigen/rigging/engine_rig.h"
 #include "anigen/rigging/pinocchio.h"
+#include "anigen/rigging/skeleton_edits.h"
 #include "anigen/rigging/species_templates.h"
 #include "anigen/rigging/vrm.h"
 
@@ -135,7 +136,9 @@ struct RigRequest {
   std::string format = "glb";  ///< of io::rigged_format_words(): of the files in a folder, <id>.<format> each
   RiggingMethod method;        ///< without a binding each file holds the skeleton alone, as a solid
   JointOptions joints;
-  BindingOptions binding;  ///< of its heat, JointSource::kAuto takes the number of influences alone
+  SkeletonEdits edits;          ///< of whatever joints there are; of several bodies each by itself
+  bool separate_bodies = true;  ///< kAuto: bodies that stand apart get joints and weights one by one, below one root
+  BindingOptions binding;       ///< of its heat, JointSource::kAuto takes the number of influences alone
   EngineOptions engine;
   VrmMeta vrm;  ///< of a .vrm; its name is the id
   LearnedSteps learned;
@@ -195,7 +198,7 @@ struct RigArguments {
   rigging::RigRequest request;
   std::size_t views = 0, limit = 0;
   std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
-  bool preview = false, new_skeleton = false, no_graft = false;
+  bool preview = false, new_skeleton = false, no_graft = false, one_body = false;
   std::string bone_axes, names;  ///< words of request.engine; empty: not given
 };
 

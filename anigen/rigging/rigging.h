@@ -3,6 +3,7 @@
 /// nearest bone, and features of them for a network that corrects them. rig_meshes.h runs a method over many meshes.
 /// Humanoids, bone axes, rigs for engines and VRM.
 #include "anigen/rigging/binding.h"
+#include "anigen/rigging/bodies.h"
 #include "anigen/rigging/bone_axes.h"
 #include "anigen/rigging/bone_heat.h"
 #include "anigen/rigging/curve.h"
@@ -17,6 +18,7 @@
 #include "anigen/rigging/pinocchio_spheres.h"
 #include "anigen/rigging/pinocchio_template.h"
 #include "anigen/rigging/rig_meshes.h"
+#include "anigen/rigging/skeleton_edits.h"
 #include "anigen/rigging/skin_features.h"
 #include "anigen/rigging/species_templates.h"
 #include "anigen/rigging/surface.h"

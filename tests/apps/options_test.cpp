@@ -210,5 +210,44 @@ TEST(Shell, ManualPageEscapesRequestsAndHyphens) {
     EXPECT_NE(page.find(text), std::string::npos) << text << "\n" << page;
 }
 
+TEST(NamedWord, MayStandAnywhereButBehindAnOptionThatTakesIt) {
+  CLI::App app;
+  std::string text;
+  std::vector<double> pair;
+  std::vector<std::string> several;
+  bool flag = false;
+  app.add_option("-m,--mesh", text);
+  app.add_option("-o,--output", text);
+  app.add_option("--pair", pair)->expected(2);
+  app.add_option("--one-or-two", several)->expected(1, 2);
+  app.add_flag("-q,--quiet", flag);
+  const auto named = [&](const Words& words) { return with_named_word(app, words, "--mesh"); };
+  const Words cases[] = {
+      {"^a.glb"},
+      {"-q", "^a.glb", "-o", "b"},
+      {"-o", "b", "^a.glb"},
+      {"-ob", "^a.glb"},
+      {"--output=b", "^a.glb"},
+      {"--pair", "-1", "2", "^a.glb"},
+      {"--one-or-two", "x", "-q", "^a.glb"},
+      {"--one-or-two", "x", "y", "^a.glb"},
+      {"-m", "a.glb"},
+      {"--output"},
+      {"--unknown", "^a.glb"},
+      {"--", "a.glb"},
+      {},
+  };
+  for (const Words& marked : cases) {
+    Words words, expected;
+    for (const std::string& word : marked) {
+      const bool is_named = word[0] == '^';
+      if (is_named) expected.push_back("--mesh");
+      words.push_back(word.substr(is_named ? 1 : 0));
+      expected.push_back(words.back());
+    }
+    EXPECT_EQ(named(words), expected);
+  }
+}
+
 }  // namespace
 }  // namespace anigen

@@ -213,6 +213,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "heat --curve-joints 20", {"--curve-joints", "curve"});
   check.refuses(rig + "heat --template biped", {"--template", "pinocchio"});
   check.refuses(rig + "heat --new-skeleton", {"--new-skeleton", "auto"});
+  check.refuses(rig + "heat --one-body", {"--one-body", "auto"});
+  check.refuses(rig + "curve --add-joints", {"--add-joints", "curve"});
+  check.refuses(rig + "auto --add-joints --new-skeleton", {"--add-joints", "--new-skeleton"});
   check.refuses(rig + "auto --new-skeleton --skeleton s.glb", {"--new-skeleton", "--skeleton"});
   check.refuses(rig + "auto --seed 1", {"--seed", "auto"});
   check.refuses(rig + "pinocchio --template biped --skeleton s.glb", {"--template", "--skeleton"});

@@ -160,6 +160,24 @@ TEST(EmbedSkeleton, TheRightTemplateCostsLess) {
   EXPECT_THROW(choose_template(capsule_mesh(person()), {}), InputError);
 }
 
+// Templates that cannot win are given up, whoever is ahead and whenever.
+TEST(EmbedSkeleton, AChoiceIsThatOfEmbeddingEachByItself) {
+  const std::vector<TemplateSkeleton> templates{biped_template(), quadruped_template()};
+  const int threads = thread_count();
+  for (const bool upright : {true, false}) {
+    const Mesh mesh = capsule_mesh(upright ? person() : animal());
+    const EmbeddedSkeleton alone = embed_skeleton(mesh, templates[upright ? 0 : 1], coarse());
+    for (const int used : {1, 2}) {
+      set_thread_count(used);
+      const TemplateChoice choice = choose_template(mesh, templates, coarse());
+      EXPECT_EQ(choice.index, upright ? 0U : 1U);
+      EXPECT_EQ(choice.embedded.penalty, alone.penalty);
+      EXPECT_EQ(largest_move(choice.embedded.skeleton, alone.skeleton), 0.0);
+    }
+    set_thread_count(threads);
+  }
+}
+
 TEST(EmbedSkeleton, AnswersWhenTheSearchIsCutShort) {
   EmbeddingOptions options;
   options.most_states = 1;

@@ -6,12 +6,14 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/curve_skeleton/contraction.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/rigging/rig_meshes.h"
+#include "tests/rigging/embedding_bodies.h"
 #include "tests/support/parsed_gltf.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
@@ -470,6 +472,64 @@ TEST(Medoid, ManyJointsOfOneSkeletonCountAsMuchAsOne) {
   BoxedSkeleton few{"", {{0, 0, 0}, {1, 0, 0}}, {-1, 0}}, many = few, far{"", {{0, 3, 0}}, {-1}};
   for (int i = 0; i < 20; ++i) many.joints.push_back({0.05 * i, 0, 0});
   EXPECT_EQ(medoid({far, few, many, few}), 1u);
+}
+
+/// A bar with three arms, four units aside for each that came before.
+Mesh armed_bars(int count) {
+  Mesh mesh;
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Vector3d at(4.0 * i, 0, 0);
+    const auto place = [&](double x, double z) { return Eigen::Vector3d(at + Eigen::Vector3d(x, 0, z)); };
+    const Mesh bar = test::capsule_mesh(
+        {{place(0, 0), place(0, 2), 0.2}, {place(0, 1), place(0.9, 1), 0.12}, {place(0, 1.9), place(-0.9, 1.9), 0.12}});
+    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+    mesh.vertices.insert(mesh.vertices.end(), bar.vertices.begin(), bar.vertices.end());
+    for (const Triangle& face : bar.faces) mesh.faces.push_back({face[0] + first, face[1] + first, face[2] + first});
+  }
+  return mesh;
+}
+
+TEST_F(RigMeshes, AutoRigsBodiesThatStandApartOneByOne) {
+  if (!curve_skeleton::can_contract()) GTEST_SKIP() << "not supported: a build without CGAL (ANIGEN_WITH_CGAL)";
+  fs::create_directories(folder_ / "bars");
+  io::write_ply(folder_ / "bars/one.ply", armed_bars(1));
+  io::write_ply(folder_ / "bars/two.ply", armed_bars(2));
+  request_.method = parse_rigging_method("auto");
+  request_.meshes = folder_ / "bars";
+  request_.edits.joints = 7;
+  const RigReports reports = rig_meshes(request_);
+  ASSERT_EQ(reports.meshes.size(), 2u);
+  EXPECT_EQ(reports.meshes[0].failure + reports.meshes[1].failure, "");
+  EXPECT_EQ(reports.meshes[0].joints, 7u);
+  EXPECT_EQ(reports.meshes[1].joints, 15u);
+  EXPECT_NE(reports.meshes[1].note.find("body 2: "), std::string::npos) << reports.meshes[1].note;
+  const Asset asset = io::read_gltf(reports.meshes[1].file).asset;
+  for (std::size_t v = 0; v < asset.mesh.vertices.size(); ++v) {
+    const std::string body = asset.mesh.vertices[v].x() < 2.0F ? "body_1_" : "body_2_";
+    for (std::size_t i = 0; i < asset.skin.row_size(v); ++i)
+      EXPECT_EQ(asset.skeleton.names[static_cast<std::size_t>(asset.skin.row(v)[i].joint)].rfind(body, 0), 0U);
+  }
+  request_.separate_bodies = false;
+  EXPECT_EQ(rig_meshes(request_).meshes[1].joints, 7u);
+}
+
+TEST_F(RigMeshes, JointsAreAddedToASkeletonAlone) {
+  if (!curve_skeleton::can_contract()) GTEST_SKIP() << "not supported: a build without CGAL (ANIGEN_WITH_CGAL)";
+  io::write_ply(folder_ / "bar.ply", armed_bars(1));
+  RigFile own = rig_;
+  own.joints = {0, 0, 0, 0, 0, 1, 0, 0, 2};
+  test::write_glb(folder_ / "own.glb", own);
+  request_.method = parse_rigging_method("auto");
+  request_.meshes = folder_ / "bar.ply";
+  request_.out = folder_ / "out.glb";
+  request_.edits.extend = true;
+  EXPECT_NE(rig_meshes(request_).meshes[0].failure.find("no skeleton that joints could be added to"),
+            std::string::npos);
+  request_.joints.skeleton = folder_ / "own.glb";
+  const RigReports reports = rig_meshes(request_);
+  EXPECT_EQ(reports.meshes[0].failure, "");
+  EXPECT_NE(reports.meshes[0].note.find("joints added"), std::string::npos) << reports.meshes[0].note;
+  EXPECT_GT(reports.meshes[0].joints, 4u);
 }
 
 }  // namespace

@@ -61,6 +61,23 @@ CLI::App& Program::command(const std::string& name, const std::string& purpose) 
   return *command;
 }
 
+std::vector<std::string> with_named_word(const CLI::App& app, std::vector<std::string> words, const std::string& name) {
+  const auto is_option = [&](std::size_t at) { return words[at].size() > 1 && words[at][0] == '-'; };
+  for (std::size_t i = 0; i < words.size() && words[i] != "--"; ++i) {
+    if (!is_option(i)) {
+      words.insert(words.begin() + static_cast<std::ptrdiff_t>(i), name);
+      return words;
+    }
+    const bool is_long = words[i][1] == '-';
+    const CLI::Option* option = app.get_option_no_throw(is_long ? words[i] : words[i].substr(0, 2));
+    if (option == nullptr || option->get_items_expected_max() == 0) continue;  // --name=value, or takes none
+    if (!is_long && words[i].size() > 2) continue;                             // -oPATH
+    for (int taken = 0; taken < option->get_items_expected_max() && i + 1 < words.size(); ++taken, ++i)
+      if (taken >= option->get_items_expected_min() && is_option(i + 1)) break;
+  }
+  return words;
+}
+
 void Program::add_common(const std::vector<std::string>& names, std::function<std::string()> version_details) {
   for (const std::string& text : names) {
     const std::string name = text.substr(0, text.find(' ')), note = text.substr(name.size());
@@ -90,8 +107,7 @@ void Program::add_common(const std::vector<std::string>& names, std::function<st
 
 int Program::run(int argc, char** argv, const std::function<void()>& body) {
   CurrentWords current = current_words(app.get_name(), {argv + 1, argv + argc});
-  const bool has_first = !current.words.empty() && !current.words.front().empty() && current.words.front()[0] != '-';
-  if (!first.empty() && has_first) current.words.insert(current.words.begin(), first);
+  if (!first.empty()) current.words = with_named_word(app, current.words, first);
   words = {argv, argv + 1};
   words.insert(words.end(), current.words.begin(), current.words.end());
   for (std::size_t i = 1; i < words.size() && words[i] != "--"; ++i) {

@@ -142,13 +142,17 @@ struct Program {
 
   CLI::App app;
   CommonOptions common;
-  std::string first;               ///< option that a first word without a dash is the value of, such as "--image"
+  std::string first;  ///< option whose value may stand without its name (with_named_word()), such as "--image"
   std::vector<std::string> words;  ///< of run(): argv with names of today
 
  private:
   std::string completion_;
   bool man_ = false;
 };
+
+/// Words of a command line with `name` before the first that is neither an option nor an option's value, so that
+/// `anigen-rig --method curve a.glb` means `anigen-rig --method curve --mesh a.glb`.
+std::vector<std::string> with_named_word(const CLI::App& app, std::vector<std::string> words, const std::string& name);
 
 /// Refuses options that the rest of a command line leaves without effect.
 /// @param reason why, and what to do @throws InputError naming the first of them that was given

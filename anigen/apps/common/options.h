@@ -108,7 +108,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--ss-interval", 0, "X X", "Sampling", "Guide stage 4 only at times between the two, 1: noise [config]", "generate:--cfg-interval-ss"},
     {"--slat-interval", 0, "X X", "Sampling", "Guide stage 5 only at times between the two, 1: noise [config]", "generate:--cfg-interval"},
     {"--solver", 0, "euler|midpoint|heun", "Sampling", "Solver of both stages; midpoint and heun take two passes per step [config]", ""},
-    {"--joints", 0, "N", "Sampling", "Wanted number of joints, for flows trained with it; 0: any", ""},
+    {"--joints", 0, "N", "Sampling", "Wanted number of joints; 0: any", ""},
     {"--joint-density", 0, "X", "Sampling", "The wanted number as a share of 60 joints, 0 … 1", ""},
     {"--joint-level", 0, "N", "Sampling", "The wanted number by the published levels 0 … 4: none, 10, 15, 25, 35 joints", ""},
     // --- Mesh and skeleton ---
@@ -116,6 +116,9 @@ inline constexpr OptionRow kOptions[] = {
     {"--skeleton", 0, "FILE", "Mesh and skeleton", "Rig with the joints to bind to, placed in the mesh [the mesh file's own]; for pinocchio the template", ""},
     {"--new-skeleton", 0, "", "Mesh and skeleton", "Find joints where the mesh has its own, too; for auto", ""},
     {"--template", 0, "WORD", "Mesh and skeleton", "Kind of body, for pinocchio and auto: biped, quadruped, horse, fox, bird, dragon, kaiju, fish, snake, spider; of several the one that fits best [biped and quadruped, as far as they fit]", "rig:--pinocchio-template"},
+    {"--symmetric", 0, "", "Mesh and skeleton", "Joints of left and right mirror each other across the middle of the mesh; a branch of one side alone is copied to the other", ""},
+    {"--add-joints", 0, "", "Mesh and skeleton", "Keep the mesh's own or the given skeleton, and add joints for parts where it has none, such as a tail, along the mesh's curve", ""},
+    {"--one-body", 0, "", "Mesh and skeleton", "One skeleton even for bodies that stand apart, which auto rigs one by one", ""},
     {"--curve-joints", 0, "N", "Mesh and skeleton", "For curve and auto: no more joints than these, along the curve", "rig:--most-joints"},
     {"--points", 0, "N", "Mesh and skeleton", "For anymate: points of the surface that the models look at [as in training; released: 8192]", ""},
     {"--joint-distance", 0, "X", "Mesh and skeleton", "For anymate: predicted joints this near are one, the mesh's longest side being 2 [as released: 0.03 regressed, 0.05 denoised; without meaning for volumes]", "rig:--eps"},

@@ -70,7 +70,7 @@ class Grafter {
       : source_(source),
         document_(source.document),
         is_own_(!own.empty()),
-        skeleton_(is_own_ ? source.rig.skeleton : skeleton),
+        skeleton_(is_own_ ? with_further_joints(source.rig.skeleton, skeleton, own) : skeleton),
         skin_(limit_influences(skin, options.influences)),
         options_(options),
         file_(source.container, source.options),
@@ -206,6 +206,7 @@ class Grafter {
 
   void add_joints(const std::vector<int>& own) {
     if (is_own_) {
+      add_further_joints();
       add_made_root();
       return rename(own);
     }
@@ -221,12 +222,41 @@ class Grafter {
     }
     for (const Json& node : nodes) file_.add("nodes", text_of(node));
     if (carrier < 0) return show(node_of_joint_[0]);
-    const JsonText::Span parent = file_.original("nodes", at(carrier));
-    const std::string root = std::to_string(node_of_joint_[0]);
-    if (const auto children = file_.text().find(parent, "children"))
-      file_.text().append(*children, {root});
-    else
-      file_.text().set(parent, "children", "[" + root + "]");
+    file_.add_children(at(carrier), {std::to_string(node_of_joint_[0])});
+  }
+
+  /// Nodes of joints that the file's own skeleton gets, below those of their parents.
+  void add_further_joints() {
+    const std::size_t first = source_.rig.skeleton.size(), base = file_.count("nodes");
+    std::vector<Json> nodes;
+    std::map<int, std::vector<std::string>> children;  // of a node of the file
+    for (std::size_t j = first; j < skeleton_.size(); ++j) {
+      const int parent = skeleton_.parents[j], above = node_of_joint_[at(parent)];
+      node_of_joint_[j] = static_cast<int>(base + nodes.size());
+      nodes.push_back(joint_node(skeleton_.names[j], skeleton_.rest[j]));
+      if (at(parent) >= first)
+        nodes[at(parent) - first]["children"].push_back(node_of_joint_[j]);
+      else if (above >= 0)
+        children[above].push_back(std::to_string(node_of_joint_[j]));
+      else
+        below_made_root_.push_back(node_of_joint_[j]);
+      parent_of_added_.push_back(above);
+    }
+    for (const Json& node : nodes) file_.add("nodes", text_of(node));
+    for (const auto& [node, added] : children) file_.add_children(at(node), added);
+  }
+
+  /// The node above a joint's node that is above all others.
+  int top_node(int node) const {
+    while (node >= 0) {
+      const bool is_of_file = at(node) < document_.nodes.size();
+      const std::size_t added = is_of_file ? 0 : at(node) - document_.nodes.size();
+      if (!is_of_file && added >= parent_of_added_.size()) return node;  // the made root
+      const int above = is_of_file ? document_.nodes[at(node)].parent : parent_of_added_[added];
+      if (above < 0) return node;
+      node = above;
+    }
+    return node;
   }
 
   void rename(const std::vector<int>& own) {
@@ -242,29 +272,7 @@ class Grafter {
     if (!options_.extensions) return;
     std::vector<int> nodes = node_of_joint_;
     for (std::size_t j = 0; j < own.size(); ++j) nodes[j] = node_of_joint_[at(own[j])];
-    const Json added = options_.extensions(nodes);
-    const JsonText::Span root = file_.text().root();
-    const auto known = file_.text().find(root, "extensions");
-    if (known) {
-      for (const auto& [name, members] : added.items()) file_.text().set(*known, name, text_of(members));
-    } else {
-      file_.text().set(root, "extensions", text_of(added));
-    }
-    const Json& json = file_.json();
-    const Json used = json.contains("extensionsUsed") ? json["extensionsUsed"] : Json::array();
-    std::vector<std::string> names;
-    for (const auto& [name, members] : added.items()) {
-      if (std::find(used.begin(), used.end(), Json(name)) == used.end()) names.push_back(text_of(Json(name)));
-    }
-    const auto list = file_.text().find(root, "extensionsUsed");
-    if (list && !names.empty()) file_.text().append(*list, names);
-    if (!list) file_.text().set(root, "extensionsUsed", text_of(names_of(added)));
-  }
-
-  static Json names_of(const Json& object) {
-    Json names = Json::array();
-    for (const auto& [name, members] : object.items()) names.push_back(name);
-    return names;
+    file_.add_extensions(options_.extensions(nodes));
   }
 
   /// The importer's own root above several others is no node of the file. It gets one where weights name it.
@@ -272,9 +280,15 @@ class Grafter {
     const bool is_used = std::any_of(skins_.begin(), skins_.end(), [&](const PlannedSkin& skin) {
       return std::any_of(skin.joints.begin(), skin.joints.end(), [&](int j) { return node_of_joint_[at(j)] < 0; });
     });
-    if (is_used) node_of_joint_[0] = file_.add("nodes", text_of(joint_node(skeleton_.names[0], root_below(-1))));
+    const bool is_made = is_used || !below_made_root_.empty();
+    if (is_made) {
+      Json root = joint_node(skeleton_.names[0], root_below(-1));
+      if (!below_made_root_.empty()) root["children"] = below_made_root_;
+      node_of_joint_[0] = file_.add("nodes", text_of(root));
+      for (const int node : below_made_root_) parent_of_added_[at(node) - document_.nodes.size()] = node_of_joint_[0];
+    }
     if (gather_roots()) return;
-    if (is_used) show(node_of_joint_[0]);
+    if (is_made) show(node_of_joint_[0]);
   }
 
   bool is_longer(const PlannedSkin& skin) const {
@@ -288,10 +302,7 @@ class Grafter {
     for (const PlannedSkin& skin : skins_) {
       std::set<int> above;
       for (const int joint : skin.joints) {
-        int node = node_of_joint_[at(joint)];
-        while (at(node) < document_.nodes.size() && document_.nodes[at(node)].parent >= 0)
-          node = document_.nodes[at(node)].parent;
-        above.insert(node);
+        above.insert(top_node(node_of_joint_[at(joint)]));
       }
       if (is_longer(skin) && above.size() > 1) roots.insert(above.begin(), above.end());
     }
@@ -546,12 +557,13 @@ class Grafter {
   const GraftSource& source_;
   const Document& document_;
   bool is_own_;
-  const Skeleton& skeleton_;  // of the file where it is its own
-  SkinWeights skin_;          // of its joints
+  const Skeleton skeleton_;  // of the file where it is its own, with the joints that are added behind them
+  SkinWeights skin_;         // of its joints
   const GraftOptions& options_;
   GraftFile file_;
   Notes notes_;
-  std::vector<int> node_of_joint_;  // in the copy
+  std::vector<int> node_of_joint_;                      // in the copy
+  std::vector<int> parent_of_added_, below_made_root_;  // nodes of joints added to the file's own
   std::vector<PlannedSkin> skins_;
   std::vector<BoundNode> bound_;  // by node
   std::set<int> changed_;         // meshes that some bound node has asked for

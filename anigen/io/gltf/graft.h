@@ -23,7 +23,7 @@ struct GraftOptions {
 };
 
 struct GraftReport {
-  bool own_joints = false;        ///< the skeleton was the file's own: its joints and animations stayed
+  bool own_joints = false;        ///< the skeleton had the file's own: its joints and animations stayed
   std::size_t bound_nodes = 0;    ///< nodes whose mesh got weights
   std::size_t copied_meshes = 0;  ///< mesh objects that were added because several nodes show one mesh
   std::vector<ImportNote> notes;
@@ -43,7 +43,8 @@ struct GraftReport {
 /// carries the root of the skeleton instead. Points and lines beside triangles follow the nearest vertex of these.
 ///
 /// A skeleton with the names, parents and places of the file's own is taken for the file's own: nodes, skins and
-/// animations stay and only the weights are new. A skin gets more joints where weights ask for joints beyond its own; a
+/// animations stay and only the weights are new. Joints that such a skeleton has beside them become further nodes below
+/// their parents'. A skin gets more joints where weights ask for joints beyond its own; a
 /// mesh without skin that follows a joint stays as it is when that is what its weights say.
 ///
 /// Nodes without triangles, of other scenes, or whose transform collapses the mesh stay as they are.

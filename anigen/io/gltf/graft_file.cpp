@@ -153,4 +153,33 @@ std::string GraftFile::bytes(bool binary) {
   return binary ? glb_bytes(text_.edited(), binary_, container_.file, container_.further_chunks) : text_.edited();
 }
 
+void GraftFile::add_children(std::size_t node, const std::vector<std::string>& children) {
+  const JsonText::Span parent = original("nodes", node);
+  if (const auto known = text_.find(parent, "children")) {
+    text_.append(*known, children);
+  } else {
+    text_.set(parent, "children", "[" + joined(children, ",", [](const std::string& child) { return child; }) + "]");
+  }
+}
+
+void GraftFile::add_extensions(const Json& members) {
+  // Names come from foreign files and need not be UTF-8, which JSON demands.
+  const auto text_of = [](const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); };
+  if (const auto known = text_.find(text_.root(), "extensions")) {
+    for (const auto& [name, member] : members.items()) text_.set(*known, name, text_of(member));
+  } else {
+    text_.set(text_.root(), "extensions", text_of(members));
+  }
+  const Json used = json().value("extensionsUsed", Json::array());
+  std::vector<std::string> names;
+  for (const auto& [name, member] : members.items()) {
+    if (std::find(used.begin(), used.end(), Json(name)) == used.end()) names.push_back(text_of(Json(name)));
+  }
+  const auto list = text_.find(text_.root(), "extensionsUsed");
+  if (list && !names.empty()) text_.append(*list, names);
+  if (!list)
+    text_.set(text_.root(), "extensionsUsed",
+              "[" + joined(names, ",", [](const std::string& name) { return name; }) + "]");
+}
+
 }  // namespace anigen::io::gltf_import

@@ -33,6 +33,11 @@ class GraftFile {
   /// In place of the whole array. @pre none was added to it
   void set_array(const std::string& array, const std::vector<std::string>& objects);
 
+  /// Further children of a node of the original, by their numbers. Once for a node.
+  void add_children(std::size_t node, const std::vector<std::string>& children);
+  /// Members of the file's "extensions", in place of those of the same names, and their names to "extensionsUsed".
+  void add_extensions(const Json& members);
+
   /// An accessor with a view of its own, VEC4 or MAT4, packed. @param vertex_data the view is named as such
   /// @return its index
   template <typename T>

@@ -56,20 +56,40 @@ void check_graft(const GraftSource& source, const Skeleton& skeleton, const Skin
 
 std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source) {
   const Skeleton& own = source.rig.skeleton;
-  if (own.size() != skeleton.size()) return {};
+  if (own.size() > skeleton.size() || own.size() == 0) return {};
   std::map<std::string, int> by_name;
   for (std::size_t j = 0; j < own.size(); ++j) by_name[own.names[j]] = static_cast<int>(j);
   std::vector<int> joints;
+  std::size_t further = own.size();
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
     const auto found = by_name.find(skeleton.names[j]);
-    if (found == by_name.end()) return {};
-    const int joint = found->second, parent = skeleton.parents[j];
+    const int parent = skeleton.parents[j];
+    if (found == by_name.end()) {
+      if (parent < 0) return {};
+      joints.push_back(static_cast<int>(further++));
+      continue;
+    }
+    const int joint = found->second;
     joints.push_back(joint);
     if (own.parents[at(joint)] != (parent < 0 ? -1 : joints[at(parent)])) return {};
     const Eigen::Matrix4d apart = own.bind[at(joint)] - skeleton.bind[j];
     if (!(apart.topRightCorner<3, 1>().norm() <= source.noise)) return {};
   }
+  if (further != skeleton.size()) return {};  // some of the rig's joints are not there
   return joints;
+}
+
+Skeleton with_further_joints(const Skeleton& rig, const Skeleton& skeleton, const std::vector<int>& own) {
+  Skeleton result = rig;
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    if (at(own[j]) < rig.size()) continue;
+    const int parent = own[at(skeleton.parents[j])];
+    result.names.push_back(skeleton.names[j]);
+    result.parents.push_back(parent);
+    result.bind.push_back(skeleton.bind[j]);
+    result.rest.push_back(decompose(result.bind[at(parent)].inverse() * skeleton.bind[j]));
+  }
+  return result;
 }
 
 }  // namespace anigen::io::gltf_import

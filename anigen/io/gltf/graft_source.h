@@ -32,7 +32,12 @@ struct GraftSource {
 void check_graft(const GraftSource& source, const Skeleton& skeleton, const SkinWeights& skin,
                  const GraftOptions& options);
 
-/// Joint of the file's rig per joint of a skeleton that is the rig's own; empty for another skeleton.
+/// Joint of the file's rig per joint of a skeleton that is the rig's own, or has further joints below those: these get
+/// the numbers behind the rig's. Empty for another skeleton.
 std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source);
+
+/// The rig's own skeleton with the further joints of another one behind it, in the places that they have there.
+/// @param own as own_joints() has it
+Skeleton with_further_joints(const Skeleton& rig, const Skeleton& skeleton, const std::vector<int>& own);
 
 }  // namespace anigen::io::gltf_import

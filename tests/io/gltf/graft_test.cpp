@@ -167,6 +167,13 @@ std::map<std::pair<std::size_t, std::size_t>, std::vector<Eigen::Vector3d>> plac
   return placed;
 }
 
+void expect_same_places(const ParsedGltf& before, const ParsedGltf& after) {
+  const auto placed = placed_vertices(before), again = placed_vertices(after);
+  for (const auto& [place, points] : placed) {
+    for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
+  }
+}
+
 /// The written JSON without the additions that a graft may make to this original.
 Json without_additions(Json json, const Json& original) {
   for (const char* array : {"accessors", "bufferViews", "nodes", "meshes", "skins"}) {
@@ -207,6 +214,18 @@ Json without_additions(Json json, const Json& original) {
 Json without_weights_of(Json json) {
   const Json same = json;
   return without_additions(std::move(json), same);
+}
+
+/// The flag, and a second one on a joint without a parent.
+GltfBuilder two_trees() {
+  GltfBuilder file = test::flag();
+  file.json["nodes"].push_back({{"mesh", 1}, {"skin", 1}});
+  file.json["nodes"].push_back({{"name", "other"}, {"translation", {0.5, 1.0, 0.0}}});
+  for (const int node : {3, 4}) file.json["scenes"][0]["nodes"].push_back(node);
+  file.json["meshes"].push_back(file.json["meshes"][0]);
+  file.json["skins"].push_back({{"joints", {4}}, {"inverseBindMatrices", 4}});
+  file.json["meshes"][1]["primitives"][0]["attributes"]["JOINTS_0"] = file.u8(std::vector<std::uint8_t>(16, 0), "VEC4");
+  return file;
 }
 
 class Graft : public testing::Test {
@@ -380,6 +399,54 @@ TEST_F(Graft, OwnJointsAreKnownByNameAndPlace) {
   EXPECT_EQ(read_gltf(folder_ / "out.glb").asset.skeleton.names, plain.names);
 }
 
+TEST_F(Graft, FurtherJointsGoBelowTheFilesOwnWhichKeepTheirAnimations) {
+  GltfBuilder file = test::flag();
+  file.animate(2, "rotation", {0, 1}, {0, 0, 0, 1, 0.6F, 0, 0, 0.8F});
+  save(file);
+  const Asset own = read_gltf(folder_ / "in.glb").asset;
+  std::vector<Eigen::Vector3d> places = own.skeleton.positions();
+  std::vector<int> parents = own.skeleton.parents;
+  std::vector<std::string> names = own.skeleton.names;
+  const auto tip = static_cast<int>(places.size());
+  const Eigen::Vector3d first = places.back() + Eigen::Vector3d(0.25, 0.5, 0),
+                        second = first + Eigen::Vector3d(0, 0, 1);
+  places.insert(places.end(), {first, second});
+  parents.insert(parents.end(), {tip - 1, tip});
+  names.insert(names.end(), {"tail", "tail_end"});
+  const SkinWeights skin = cyclic_weights(own.mesh.vertices.size(), places.size());
+  EXPECT_TRUE(graft(skeleton_from_joints(places, parents, names), skin).own_joints);
+  const ParsedGltf before(folder_ / "in.glb"), after(folder_ / "out.glb");
+  EXPECT_EQ(after.json["animations"], before.json["animations"]);
+  EXPECT_EQ(after.json["nodes"].size(), before.json["nodes"].size() + 2);
+  const Asset back = read_gltf(folder_ / "out.glb").asset;
+  ASSERT_EQ(back.skeleton.size(), places.size());
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    const auto found = std::find(back.skeleton.names.begin(), back.skeleton.names.end(), names[j]);
+    ASSERT_NE(found, back.skeleton.names.end()) << names[j];
+    EXPECT_LT((back.skeleton.positions()[at(found - back.skeleton.names.begin())] - places[j]).norm(), 1e-6);
+  }
+  EXPECT_EQ(back.animations.size(), 1u);
+  expect_same_places(before, after);
+}
+
+TEST_F(Graft, FurtherJointsOfARootThatTheFileDoesNotHave) {
+  save(two_trees());
+  const Asset own = read_gltf(folder_ / "in.glb").asset;
+  std::vector<Eigen::Vector3d> places = own.skeleton.positions();
+  std::vector<int> parents = own.skeleton.parents;
+  std::vector<std::string> names = own.skeleton.names;
+  places.emplace_back(2.0, 1.0, 0.5);
+  parents.push_back(0);
+  names.emplace_back("further");
+  EXPECT_TRUE(
+      graft(skeleton_from_joints(places, parents, names), cyclic_weights(own.mesh.vertices.size(), places.size()))
+          .own_joints);
+  const Asset back = read_gltf(folder_ / "out.glb").asset;
+  const auto found = std::find(back.skeleton.names.begin(), back.skeleton.names.end(), "further");
+  ASSERT_NE(found, back.skeleton.names.end());
+  EXPECT_LT((back.skeleton.positions()[at(found - back.skeleton.names.begin())] - places.back()).norm(), 1e-6);
+}
+
 TEST_F(Graft, ASkinGetsTheJointsItLacks) {
   GltfBuilder file = test::flag();
   file.json["nodes"].push_back({{"mesh", 1}, {"skin", 1}});
@@ -398,21 +465,11 @@ TEST_F(Graft, ASkinGetsTheJointsItLacks) {
   EXPECT_EQ(after.json["skins"][1], before.json["skins"][1]);
   EXPECT_EQ(after.json["skins"][2]["joints"], Json({1, 2}));
   EXPECT_EQ(after.json["nodes"][3]["skin"], 2);
-  const auto placed = placed_vertices(before), again = placed_vertices(after);
-  for (const auto& [place, points] : placed) {
-    for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
-  }
+  expect_same_places(before, after);
 }
 
 TEST_F(Graft, JointsOfALongerSkinHaveACommonRoot) {
-  GltfBuilder file = test::flag();
-  file.json["nodes"].push_back({{"mesh", 1}, {"skin", 1}});
-  file.json["nodes"].push_back({{"name", "other"}, {"translation", {0.5, 1.0, 0.0}}});
-  for (const int node : {3, 4}) file.json["scenes"][0]["nodes"].push_back(node);
-  file.json["meshes"].push_back(file.json["meshes"][0]);
-  file.json["skins"].push_back({{"joints", {4}}, {"inverseBindMatrices", 4}});
-  file.json["meshes"][1]["primitives"][0]["attributes"]["JOINTS_0"] = file.u8(std::vector<std::uint8_t>(16, 0), "VEC4");
-  save(file);
+  save(two_trees());
   const Asset own = read_gltf(folder_ / "in.glb").asset;
   ASSERT_GE(own.skeleton.size(), 4u) << "a root above two trees";
   graft(own.skeleton, cyclic_weights(own.mesh.vertices.size(), own.skeleton.size()));
@@ -433,10 +490,7 @@ TEST_F(Graft, JointsOfALongerSkinHaveACommonRoot) {
     EXPECT_EQ(roots.size(), 1u) << skin;
   }
   for (const Json& root : after.json["scenes"][0]["nodes"]) EXPECT_EQ(parents[root.get<std::size_t>()], -1);
-  const auto placed = placed_vertices(before), again = placed_vertices(after);
-  for (const auto& [place, points] : placed) {
-    for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
-  }
+  expect_same_places(before, after);
 }
 
 TEST_F(Graft, AMeshOnAJointStaysOnIt) {
@@ -461,10 +515,7 @@ TEST_F(Graft, AMeshOnAJointStaysOnIt) {
     if (!before.json["nodes"][n].contains("skin")) continue;
     EXPECT_EQ(after.json["nodes"][n]["skin"], 1);
   }
-  const auto placed = placed_vertices(before), again = placed_vertices(after);
-  for (const auto& [place, points] : placed) {
-    for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
-  }
+  expect_same_places(before, after);
 }
 
 TEST_F(Graft, AnAnimationThatCarriesAllMeshesCarriesTheSkeleton) {
@@ -476,10 +527,7 @@ TEST_F(Graft, AnAnimationThatCarriesAllMeshesCarriesTheSkeleton) {
   const ParsedGltf before(folder_ / "in.glb"), after(folder_ / "out.glb");
   EXPECT_EQ(after.json["nodes"][0]["children"], Json({1, 2, 3, 5}));
   EXPECT_EQ(after.json["animations"], before.json["animations"]);
-  const auto placed = placed_vertices(before), again = placed_vertices(after);
-  for (const auto& [place, points] : placed) {
-    for (std::size_t v = 0; v < points.size(); ++v) EXPECT_LT((points[v] - again.at(place)[v]).norm(), 1e-5);
-  }
+  expect_same_places(before, after);
   fs::remove(folder_ / "out.glb");
   file.animate(3, "translation", {0, 1}, {0, 0, 0, 1, 0, 0});
   save(file);
