@@ -16,8 +16,9 @@ struct SeparateBody {
 
 /// Bodies of a mesh that stand apart, such as two characters in one file, from the left (least x). Connected components
 /// whose bounding boxes come nearer than 5 % of the mesh's diagonal belong together; a group is a body when
-/// its diagonal is at least half and its area three tenths of the largest group's, and smaller ones belong to the nearest
-/// body. Vertices at one position are one. Of a mesh with more than 1,024 components, or eight bodies, nothing is told.
+/// its diagonal is at least half and its area three tenths of the largest group's, and smaller ones belong to the
+/// nearest body. Vertices at one position are one. Of a mesh with more than 1,024 components, or eight bodies, nothing
+/// is told.
 /// @return at least two, or none: the mesh is one body
 /// @throws InputError when a face refers to a missing vertex or a vertex is not finite
 std::vector<SeparateBody> separate_bodies(const Mesh& mesh);

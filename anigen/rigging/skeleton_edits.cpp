@@ -77,7 +77,7 @@ struct Joints {
   }
 };
 
-/// What would be lost without a joint, in the skeleton's unit; infinite for a root of several branches.
+/// Length that would be lost without a joint, in the skeleton's unit; infinite for a root of several branches.
 double worth(const Joints& joints, const std::vector<std::vector<int>>& children, int joint) {
   const std::vector<int>& below = children[at(joint)];
   const Eigen::Vector3d& place = joints.positions[at(joint)];
