@@ -11,6 +11,7 @@ using anigen::experiment::ExperimentCommand;
 void add_options(CLI::App& command, ExperimentCommand& options) {
   add_option(command, "FILE", options.file)->required();
   add_option(command, "--output", options.place.out, ": folder of its jobs and its report [runs/<name of the file>]");
+  add_option(command, "--scale", options.scale);
   add_option(command, "--set", options.overrides)->allow_extra_args(false);
   add_option(command, "--programs", options.place.programs);
   add_option(command, "--accept-other-code", options.accept_other_code);

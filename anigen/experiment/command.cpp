@@ -236,7 +236,8 @@ std::string run(const ExperimentCommand& command, const Experiment& experiment, 
   // A report that cannot be written must hide neither that jobs failed nor, on a cluster, that one job is done.
   std::string text, problem;
   try {
-    text = results_markdown(collect_all_results(experiment, plan, command.place));
+    text = results_markdown(collect_all_results(experiment, plan, command.place),
+                            judge_claims(experiment, plan, command.place.out));
     text += "\nreport: " + write_report(experiment, plan, command.place).string() + "\n";
   } catch (const Error& error) {
     problem = error.what();
@@ -255,6 +256,7 @@ std::string emit_slurm(const ExperimentCommand& command, const Plan& plan) {
   std::vector<std::string> call{own_program().string(), "run", fs::absolute(command.file).string(), "--output",
                                 command.place.out.string()};
   for (const std::string& override_text : command.overrides) call.insert(call.end(), {"--set", override_text});
+  if (!command.scale.empty()) call.insert(call.end(), {"--scale", command.scale});
   if (command.threads > 0) call.insert(call.end(), {"--threads", std::to_string(command.threads)});
   if (command.place.device != "cpu") call.insert(call.end(), {"--device", command.place.device});
   call.insert(call.end(), {"--programs", command.place.programs.string()});
@@ -310,13 +312,83 @@ std::vector<fs::path> write_slurm(const fs::path& out, const Plan& plan, const s
   return files;
 }
 
+namespace {
+
+double seconds_of(const Plan& plan, const fs::path& out) {
+  double seconds = 0;
+  for (const Job& job : plan.jobs) {
+    if (const auto record = read_record(out, job.id)) seconds += record->seconds;
+  }
+  return seconds;
+}
+
+/// Claims of one experiment as far as they can be read, whatever its jobs came to.
+void collect_claims(const ExperimentCommand& command, CollectedClaims& collected) {
+  const Experiment experiment = read_experiment(command.file, command.overrides, command.scale);
+  collected.title = experiment.title;
+  Plan plan = make_plan(experiment, command.place);
+  if (command.accept_other_code) accept_other_code(command.place.out, plan);
+  collected.seconds = seconds_of(plan, command.place.out);
+  collected.claims = judge_claims(experiment, plan, command.place.out);
+}
+
+std::string run_collection(const ExperimentCommand& command, const Collection& collection, bool json) {
+  if (command.slurm || !command.only.empty())
+    throw InputError(command.file.string(), command.slurm ? "--emit" : "--only",
+                     "is for one experiment, and this is a collection of them");
+  using What = ExperimentCommand::What;
+  if (command.what == What::kClean)
+    throw NotSupportedError(command.file.string(), "", "cleaning a collection, whose experiments share their jobs");
+  std::string text;
+  std::vector<CollectedClaims> all;
+  std::size_t failed = 0;
+  Json list = Json::array();
+  for (const fs::path& file : collection.files) {
+    ExperimentCommand one = command;
+    one.file = file;
+    one.place.report = command.place.out / file.stem();
+    CollectedClaims& collected = all.emplace_back();
+    collected.title = file.stem().string();
+    try {
+      const std::string said = run_experiment_command(one, json);
+      if (json && command.what != What::kReport)
+        list.push_back({{"experiment", file.stem().string()}, {"plan", Json::parse(said)}});
+      else
+        text += "# " + file.stem().string() + "\n" + said + "\n";
+    } catch (const Interrupted&) {
+      throw;
+    } catch (const Error& error) {
+      ++failed;
+      collected.failure = error.what();
+      log::warn("{}: {}", file.stem().string(), error.what());
+    }
+    try {
+      collect_claims(one, collected);
+    } catch (const InputError& error) {
+      if (collected.failure.empty()) collected.failure = error.what();
+    }
+  }
+  const bool has_results = command.what == What::kReport || (command.what == What::kRun && !command.dry_run);
+  if (has_results) text = write_verdicts(collection, all, command.place.out);
+  if (failed > 0)
+    throw Error(counted(failed, "of ") + counted(all.size(), "experiments failed; the same command tries again") +
+                (has_results ? "; verdicts so far: " + (command.place.out / "verdicts.md").string() : ""));
+  return json && !list.empty() ? list.dump(2) + "\n" : text;
+}
+
+}  // namespace
+
 std::string run_experiment_command(ExperimentCommand command, bool json) {
   Workplace& place = command.place;
-  if (place.out.empty()) place.out = fs::path("runs") / command.file.stem();
+  if (place.out.empty()) {
+    const std::string name = command.file.stem().string();
+    place.out = fs::path("runs") / (command.scale.empty() ? name : name + "_" + command.scale);
+  }
   if (place.programs.empty()) place.programs = own_program().parent_path();
   place.out = fs::absolute(place.out).lexically_normal();
   place.programs = fs::absolute(place.programs).lexically_normal();
-  const Experiment experiment = read_experiment(command.file, command.overrides);
+  if (const auto collection = read_collection(command.file)) return run_collection(command, *collection, json);
+  const Experiment experiment = read_experiment(command.file, command.overrides, command.scale);
   Plan plan = make_plan(experiment, place);
   if (command.accept_other_code) accept_other_code(place.out, plan);
   switch (command.what) {

@@ -39,15 +39,18 @@ struct ExperimentCommand {
   enum class What { kRun, kStatus, kReport, kClean } what = What::kRun;
   std::filesystem::path file;
   std::vector<std::string> overrides;  ///< path.to.key=value in the experiment's file
-  Workplace place;                     ///< `out` empty: runs/<name of the file>; `programs` empty: where this one lies
-  std::size_t jobs = 1;                ///< at a time
-  int threads = 0;   ///< that they share; 0: all cores, or each its own choice when there is one at a time
-  std::string only;  ///< id or step
+  std::string scale;                   ///< word of its "scales"; empty: none
+  Workplace place;       ///< `out` empty: runs/<name of the file>_<scale>; `programs` empty: where this one lies
+  std::size_t jobs = 1;  ///< at a time
+  int threads = 0;       ///< that they share; 0: all cores, or each its own choice when there is one at a time
+  std::string only;      ///< id or step
   bool dry_run = false, slurm = false, accept_other_code = false;
   bool together = false;  ///< other processes may run the same job, see RunOptions
 };
 
-/// Does what it is told. @return for people, or as JSON @throws Error when a job failed; what the parts throw
+/// Does what it is told. Of a collection it does so for every experiment: they share their jobs, and have reports in
+/// folders of their own below `out`. It goes on where one fails, and writes write_verdicts() after a run and for a
+/// report. @return for people, or as JSON @throws Error when a job failed; what the parts throw
 std::string run_experiment_command(ExperimentCommand command, bool json);
 
 /// Writes out/slurm: one array job per step, `<n>_<step>.sbatch`, with a task per job of it that is not done, or as

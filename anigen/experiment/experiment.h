@@ -1,6 +1,7 @@
 #pragma once
 /// Whole experiments from one JSON file: a plan of jobs, their runner, tables over seeds, the report. Calls the
 /// programs, so it needs no LibTorch.
+#include "anigen/experiment/claims.h"
 #include "anigen/experiment/command.h"
 #include "anigen/experiment/file.h"
 #include "anigen/experiment/plan.h"

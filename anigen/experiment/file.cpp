@@ -5,6 +5,7 @@
 
 #include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
+#include "anigen/core/text.h"
 #include "anigen/experiment/plan.h"
 
 namespace anigen::experiment {
@@ -175,6 +176,48 @@ void read_strip(ConfigFields& f, const Json& steps, StripSpec& strip) {
   });
 }
 
+/// @param side with the claim's own step and file
+void read_side(ConfigFields& f, const Experiment& experiment, const std::string& key, ClaimSide& side) {
+  side.variant = experiment.variants.front().name;
+  const auto read = [&](ConfigFields& fields) {
+    fields("variant", side.variant);
+    fields("method", side.method);
+    fields("step", side.step);
+    fields("file", side.file);
+    const auto is_named = [&](const Variant& variant) { return variant.name == side.variant; };
+    if (std::none_of(experiment.variants.begin(), experiment.variants.end(), is_named))
+      throw fields.error("variant", "\"" + side.variant + "\" is no variant of this experiment");
+    if (!side.step.empty()) require_step(experiment.steps, fields.reader(), "step", side.step);
+  };
+  if (f.reader().has(key)) f.object(key, read);
+  if (side.step.empty()) throw f.error("step", "is missing");
+}
+
+void read_claims(Experiment& experiment, ConfigReader& reader) {
+  each_object(reader, "claims", [&](ConfigFields& f) {
+    ClaimSpec& claim = experiment.claims.emplace_back();
+    f("claim", claim.text, kRequired);
+    f("source", claim.source, kRequired);
+    claim.of.file = "metrics.csv";
+    f("step", claim.of.step);
+    f("file", claim.of.file);
+    claim.over = claim.of;
+    claim.column = needed_column(f.reader(), "column");
+    if (claim.column.better == Column::Better::kNone)
+      throw f.error("column", "a claim needs to know which is \"better\": lower or higher");
+    read_side(f, experiment, "of", claim.of);
+    read_side(f, experiment, "over", claim.over);
+    if (claim.of.variant == claim.over.variant && claim.of.method == claim.over.method &&
+        claim.of.step == claim.over.step)
+      throw f.error("over", "both sides of the claim are the same");
+    f("margin", claim.margin, {-1e9, 1e9});
+    std::vector<double> published;
+    f("published", published);
+    if (!published.empty() && published.size() != 2) throw f.error("published", "expected two numbers, of both sides");
+    if (!published.empty()) claim.published = {published[0], published[1]};
+  });
+}
+
 void read_report(Experiment& experiment, ConfigReader& reader) {
   const Json& steps = experiment.steps;
   each_part(reader, "tables", steps, experiment.tables, [](ConfigFields& f, TableSpec& table) {
@@ -231,21 +274,75 @@ void read_goals(Experiment& experiment, ConfigReader& reader) {
     for (const TableSpec& table : experiment.tables) goals.push_back(table.step);
     for (const CurveSpec& curve : experiment.curves) goals.push_back(curve.step);
     for (const PictureSpec& picture : experiment.pictures) goals.push_back(picture.step);
-    if (goals.empty()) throw reader.error("goals", "names no step, and no table, curve or picture does");
+    for (const ClaimSpec& claim : experiment.claims) goals.insert(goals.end(), {claim.of.step, claim.over.step});
+    if (goals.empty()) throw reader.error("goals", "names no step, and no table, curve, picture or claim does");
   } else {
     for (const auto& [step, unused] : experiment.steps.items()) goals.push_back(step);
   }
 }
 
+/// Overlays what the file's "scales" have under a word. Changes of steps that the experiment does not have are left
+/// out, so that experiments which share their steps can share a scale.
+void apply_scale(Json& json, const fs::path& file, const std::string& scale) {
+  ConfigReader reader(json, file.string());
+  ConfigReader scales = reader.object("scales");
+  Json changes = Json::object();
+  if (const Json* all = reader.raw("scales")) {
+    std::vector<std::string> words;
+    for (const auto& [word, unused] : all->items()) words.push_back(word);
+    if (!scale.empty() && !scales.has(scale))
+      throw InputError(file.string(), "--scale", "\"" + scale + "\" is none of its scales: " + joined(words));
+    if (!scale.empty()) changes = (*all)[scale];
+  } else if (!scale.empty()) {
+    throw InputError(file.string(), "--scale", "has no scales");
+  }
+  if (changes.is_string()) changes = load_config(fs::absolute(file).parent_path() / changes.get<std::string>());
+  if (!changes.is_object()) throw scales.error(scale, "expected changes to the file, or the name of a file of them");
+  if (changes.contains("steps") && changes["steps"].is_object() && json.contains("steps")) {
+    Json known = Json::object();
+    for (const auto& [step, value] : changes["steps"].items())
+      if (json["steps"].contains(step)) known[step] = value;
+    changes["steps"] = known;
+  }
+  json.erase("scales");
+  merge_config(json, changes);
+}
+
 }  // namespace
 
-Experiment read_experiment(const fs::path& file, const std::vector<std::string>& overrides) {
+std::string side_text(const ClaimSide& side) {
+  const std::string named = side.variant + (side.variant.empty() || side.method.empty() ? "" : ", ") + side.method;
+  return named.empty() ? side.step : named;
+}
+
+std::optional<Collection> read_collection(const fs::path& file) {
+  const Json json = load_config(file);
+  if (!json.is_object() || !json.contains("experiments")) return std::nullopt;
+  ConfigReader reader(json, file.string());
+  reader.require("title");
+  Collection collection;
+  collection.title = reader.text("title", "");
+  collection.purpose = reader.text("purpose", "");
+  for (const std::string& name : reader.texts("experiments", {}))
+    collection.files.push_back((fs::absolute(file).parent_path() / name).lexically_normal());
+  if (collection.files.empty()) throw reader.error("experiments", "at least one is needed");
+  std::set<fs::path> stems;
+  for (const fs::path& one : collection.files)
+    if (!stems.insert(one.stem()).second) throw reader.error("experiments", "two are called " + one.stem().string());
+  reader.finish();
+  return collection;
+}
+
+Experiment read_experiment(const fs::path& file, const std::vector<std::string>& overrides, const std::string& scale) {
   Json json = load_config(file);
+  apply_scale(json, file, scale);
   apply_overrides(json, overrides);
   ConfigReader reader(json, file.string());
   for (const char* key : {"title", "steps"}) reader.require(key);
   Experiment experiment;
   experiment.file = file;
+  experiment.scale = scale;
+  experiment.folder = (fs::absolute(file).parent_path() / reader.text("paths_from", ".")).lexically_normal();
   experiment.title = reader.text("title", "");
   experiment.purpose = reader.text("purpose", "");
   ConfigReader steps = reader.object("steps");
@@ -258,6 +355,7 @@ Experiment read_experiment(const fs::path& file, const std::vector<std::string>&
   experiment.variants = read_variants(reader, experiment.steps);
   read_seeds(experiment, reader);
   read_report(experiment, reader);
+  read_claims(experiment, reader);
   read_goals(experiment, reader);
   reader.finish();
   for (const Variant& variant : experiment.variants) {

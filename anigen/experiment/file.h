@@ -1,7 +1,9 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
@@ -25,7 +27,8 @@ struct Column {
 /// A table of the report: what one step measured, a row per variant and method.
 struct TableSpec {
   std::string title, step;
-  std::string file = "metrics.csv";     ///< in the step's folder: one line per asset and method
+  std::string file = "metrics.csv";     ///< in the step's folder: one line per asset and method; a folder's name may be
+                                        ///< *, as in "samples/*/scores.csv": the last one, numbers counting
   std::vector<std::string> methods;     ///< values of the column "method"; empty: all, in the file's order
   std::vector<std::string> not_ranked;  ///< methods to compare with that no method competes with, such as the truth
   std::vector<Column> columns;
@@ -79,9 +82,32 @@ struct StripSpec {
   Column value;
 };
 
+/// One side of a claim: a row of a table.
+struct ClaimSide {
+  std::string variant;  ///< of the experiment
+  std::string method;   ///< value of the column "method"; empty: the only one
+  std::string step;     ///< whose numbers; the claim's where it names none
+  std::string file;     ///< in the step's folder, likewise
+};
+
+/// "variant, method", as far as they have names, else the step.
+std::string side_text(const ClaimSide& side);
+
+/// A statement of a paper that an experiment can confirm or refute: in one column `of` is better than `over`, by more
+/// than `margin` (judge_claims()). With a negative margin: it is not worse by as much.
+struct ClaimSpec {
+  std::string text, source;  ///< the statement; table, figure or section of the paper
+  Column column;             ///< has a better direction
+  ClaimSide of, over;
+  double margin = 0.0;
+  std::optional<std::pair<double, double>> published;  ///< numbers of both sides in the paper
+};
+
 /// A whole experiment, as its JSON file says it (docs/experiments.md).
 struct Experiment {
   std::filesystem::path file;
+  std::filesystem::path folder;  ///< relative paths begin here: "paths_from" of the file's folder; absolute
+  std::string scale;             ///< of the file's "scales"; empty: as it is without one
   std::string title, purpose;
   Json steps;  ///< name → step, in the file's order; read one by one by read_step()
   std::vector<Variant> variants;
@@ -94,13 +120,27 @@ struct Experiment {
   std::vector<ViewerSpec> viewers;
   std::vector<SheetSpec> sheets;
   std::vector<StripSpec> strips;
+  std::vector<ClaimSpec> claims;
 };
 
 /// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a
 /// `"grid"`, or both multiplied; without either there is one variant without a name. `"goals"` are the steps that the
-/// tables, curves and pictures speak of and those that the file names; all steps when it names none.
+/// tables, curves, pictures and claims speak of and those that the file names; all steps when it names none.
 /// @param overrides path.to.key=value, applied to the whole file before it is read
+/// @param scale word of "scales": changes to the whole file, or the name of a file of them; of steps that the
+/// experiment has. Empty: none
 /// @throws InputError naming file and JSON pointer
-Experiment read_experiment(const std::filesystem::path& file, const std::vector<std::string>& overrides = {});
+Experiment read_experiment(const std::filesystem::path& file, const std::vector<std::string>& overrides = {},
+                           const std::string& scale = "");
+
+/// Experiments that belong together: {"title": …, "purpose": …, "experiments": ["a.json", …]}.
+struct Collection {
+  std::string title, purpose;
+  std::vector<std::filesystem::path> files;  ///< absolute
+};
+
+/// The collection that a file holds; nothing for the file of one experiment.
+/// @throws InputError naming file and JSON pointer
+std::optional<Collection> read_collection(const std::filesystem::path& file);
 
 }  // namespace anigen::experiment

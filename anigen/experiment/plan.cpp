@@ -217,9 +217,7 @@ class RunPlanner {
     return std::find(experiment_.seeded.begin(), experiment_.seeded.end(), name) != experiment_.seeded.end();
   }
 
-  fs::path file_of(const std::string& inside) const {
-    return fs::absolute(experiment_.file).parent_path() / inside.substr(sizeof kPath - 1);
-  }
+  fs::path file_of(const std::string& inside) const { return experiment_.folder / inside.substr(sizeof kPath - 1); }
 
   const Job& job_of(const std::string& step) const { return plan_.jobs[run_.jobs.at(step)]; }
 
@@ -403,7 +401,7 @@ Step read_step(const Experiment& experiment, const Variant& variant, const std::
   const bool trains = step.program == "anigen-train";
   if (trains != reader.has("config"))
     throw reader.error("config", trains ? "is missing" : "only anigen-train takes one");
-  if (trains) step.config = fs::absolute(experiment.file).parent_path() / reader.text("config", "");
+  if (trains) step.config = experiment.folder / reader.text("config", "");
   reader.object("set");  // what is left of it is no object, and refused
   if (!trains && !settings.empty()) throw reader.error("set", "only anigen-train takes settings");
   step.settings = settings;

@@ -92,6 +92,9 @@ struct Workplace {
   std::filesystem::path out;       ///< folder of the experiment: jobs/, records/, report
   std::filesystem::path programs;  ///< folder of the executables
   std::string device = "cpu";
+  std::filesystem::path report = {};  ///< folder of the report, where experiments share their jobs; empty: `out`
+
+  const std::filesystem::path& report_folder() const { return report.empty() ? out : report; }
 };
 
 /// Names every job by its content: resolved config, arguments, inputs (the jobs it needs, and files named by {path:…}

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <map>
 #include <set>
 #include <system_error>
 #include <thread>
@@ -49,6 +50,7 @@ Table provenance_table(const Experiment& experiment, const Plan& plan, const Wor
   table.rows = {{"experiment", fs::absolute(experiment.file).lexically_normal().string()},
                 {"written", utc_now()},
                 {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size())},
+                {"scale", experiment.scale.empty() ? "as the file has it" : experiment.scale},
                 {"seeds", joined(experiment.seeds) + (experiment.seeded.empty() ? " (no step takes them)" : "")},
                 {"made by", "AniGen " + named_version() + ", " + kCompiler +
                                 (kTorchVersion[0] != '\0' ? std::string(", LibTorch ") + kTorchVersion : "")},
@@ -98,12 +100,16 @@ std::string missing_text(const ResultTable& result) {
 
 class Page {
  public:
-  Page(const Experiment& experiment, const Plan& plan, const Workplace& place, const std::vector<ResultTable>& results)
-      : experiment_(experiment), plan_(plan), place_(place), results_(results) {}
+  Page(const Experiment& experiment, const Plan& plan, const Workplace& place, const std::vector<ResultTable>& results,
+       const std::vector<ClaimResult>& claims)
+      : experiment_(experiment), plan_(plan), place_(place), results_(results), claims_(claims) {}
 
   std::string html() const {
     std::string html = eval::page_begin(experiment_.title);
     if (!experiment_.purpose.empty()) html += "<p>" + html_escaped(experiment_.purpose) + "</p>\n";
+    if (!claims_.empty())
+      html +=
+          "<h2>Claims</h2>\n<p class=\"hint\">" + html_escaped(claim_text()) + "</p>\n" + wide(claim_table(claims_));
     for (const ResultTable& result : results_) {
       html += "<h2>" + html_escaped(result.spec.title) + "</h2>\n<p class=\"hint\">" + spread_text(result) + "</p>\n" +
               wide(mean_table(result));
@@ -238,7 +244,7 @@ class Page {
     for (const Job& job : plan_.jobs) {
       std::error_code error;
       if (job.writes_into_other || !fs::exists(job.folder / "report.html", error)) continue;
-      const std::string target = fs::relative(job.folder / "report.html", place_.out).string();
+      const std::string target = fs::relative(job.folder / "report.html", place_.report_folder()).string();
       html += "<li><a href=\"" + html_escaped(target) + "\">" + html_escaped(job.id) + "</a> " +
               html_escaped(job.serves.front()) + "</li>\n";
     }
@@ -258,6 +264,7 @@ class Page {
   const Plan& plan_;
   const Workplace& place_;
   const std::vector<ResultTable>& results_;
+  const std::vector<ClaimResult>& claims_;
 };
 
 Json differences_of(const ResultTable& result) {
@@ -281,7 +288,8 @@ Json differences_of(const ResultTable& result) {
   return all;
 }
 
-Json results_json(const Experiment& experiment, const std::vector<ResultTable>& results) {
+Json results_json(const Experiment& experiment, const std::vector<ResultTable>& results,
+                  const std::vector<ClaimResult>& claims) {
   Json tables = Json::array();
   for (const ResultTable& result : results) {
     Json rows = Json::array();
@@ -304,14 +312,15 @@ Json results_json(const Experiment& experiment, const std::vector<ResultTable>& 
                       {"differences", differences_of(result)},
                       {"missing", result.missing}});
   }
-  return {{"title", experiment.title}, {"seeds", experiment.seeds}, {"tables", tables}};
+  return {
+      {"title", experiment.title}, {"seeds", experiment.seeds}, {"tables", tables}, {"claims", claims_json(claims)}};
 }
 
 }  // namespace
 
 std::string report_html(const Experiment& experiment, const Plan& plan, const Workplace& place,
-                        const std::vector<ResultTable>& results) {
-  return Page(experiment, plan, place, results).html();
+                        const std::vector<ResultTable>& results, const std::vector<ClaimResult>& claims) {
+  return Page(experiment, plan, place, results, claims).html();
 }
 
 std::vector<ResultTable> collect_all_results(const Experiment& experiment, const Plan& plan, const Workplace& place) {
@@ -320,8 +329,9 @@ std::vector<ResultTable> collect_all_results(const Experiment& experiment, const
   return results;
 }
 
-std::string results_markdown(const std::vector<ResultTable>& results) {
+std::string results_markdown(const std::vector<ResultTable>& results, const std::vector<ClaimResult>& claims) {
   std::string text;
+  if (!claims.empty()) text += "\n## Claims\n\n" + claim_text() + "\n\n" + to_markdown(claim_table(claims));
   for (const ResultTable& result : results) {
     text += "\n## " + result.spec.title + "\n\n" + spread_text(result) + "\n\n" + to_markdown(mean_table(result));
     if (!result.differences.empty()) text += "\n" + difference_text() + "\n\n" + to_markdown(difference_table(result));
@@ -331,18 +341,52 @@ std::string results_markdown(const std::vector<ResultTable>& results) {
 }
 
 fs::path write_report(const Experiment& experiment, const Plan& plan, const Workplace& place) {
+  const fs::path folder = place.report_folder();
+  fs::create_directories(folder);
   const std::vector<ResultTable> results = collect_all_results(experiment, plan, place);
+  const std::vector<ClaimResult> claims = judge_claims(experiment, plan, place.out);
   std::string text = "# " + experiment.title + "\n\n";
   if (!experiment.purpose.empty()) text += experiment.purpose + "\n\n";
-  text += to_markdown(provenance_table(experiment, plan, place)) + results_markdown(results) + "\n## Cost\n\n" +
+  text += to_markdown(provenance_table(experiment, plan, place)) + results_markdown(results, claims) + "\n## Cost\n\n" +
           to_markdown(cost_table(plan, place.out)) + "\n## Jobs\n\n" + to_markdown(job_table(plan, place.out));
-  write_file_atomically(place.out / "report.md", text);
+  write_file_atomically(folder / "report.md", text);
   for (std::size_t t = 0; t < results.size(); ++t)
-    write_file_atomically(place.out / (std::to_string(t + 1) + ".tex"), to_latex(mean_table(results[t])));
-  write_config(place.out / "results.json", results_json(experiment, results));
-  const fs::path page = place.out / "report.html";
-  write_file_atomically(page, report_html(experiment, plan, place, results));
+    write_file_atomically(folder / (std::to_string(t + 1) + ".tex"), to_latex(mean_table(results[t])));
+  write_config(folder / "results.json", results_json(experiment, results, claims));
+  const fs::path page = folder / "report.html";
+  write_file_atomically(page, report_html(experiment, plan, place, results, claims));
   return page;
+}
+
+std::string write_verdicts(const Collection& collection, const std::vector<CollectedClaims>& experiments,
+                           const fs::path& out) {
+  std::map<std::string, std::size_t> counts;
+  Table costs{{"experiment", "claims", "time of its jobs", "state"}, {}};
+  Json json = Json::array();
+  std::string tables, pages;
+  for (const CollectedClaims& one : experiments) {
+    for (const ClaimResult& claim : one.claims) ++counts[word_of(claim.verdict)];
+    costs.rows.push_back({one.title, std::to_string(one.claims.size()), duration_text(one.seconds),
+                          one.failure.empty() ? "done" : one.failure});
+    json.push_back({{"title", one.title}, {"seconds", one.seconds}, {"claims", claims_json(one.claims)}});
+    if (!one.failure.empty()) json.back()["failure"] = one.failure;
+    if (one.claims.empty()) continue;
+    tables += "\n## " + one.title + "\n\n" + to_markdown(claim_table(one.claims));
+    pages += "<h2>" + html_escaped(one.title) + "</h2>\n<div class=\"wide\">" + to_html(claim_table(one.claims)) +
+             "</div>\n";
+  }
+  std::string sum;
+  for (const auto& [word, count] : counts) sum += (sum.empty() ? "" : ", ") + std::to_string(count) + " " + word;
+  sum = sum.empty() ? "No claims." : sum + ".";
+  const std::string text = "# " + collection.title + "\n\n" + collection.purpose + "\n\n" + sum + " " + claim_text() +
+                           "\n" + tables + "\n## Cost\n\n" + to_markdown(costs);
+  write_file_atomically(out / "verdicts.md", text);
+  write_file_atomically(out / "verdicts.html",
+                        eval::page_begin(collection.title) + "<p>" + html_escaped(collection.purpose + " " + sum) +
+                            "</p>\n<p class=\"hint\">" + html_escaped(claim_text()) + "</p>\n" + pages +
+                            "<h2>Cost</h2>\n<div class=\"wide\">" + to_html(costs) + "</div>\n" + eval::page_end());
+  write_config(out / "verdicts.json", {{"title", collection.title}, {"experiments", json}});
+  return text;
 }
 
 }  // namespace anigen::experiment

@@ -12,6 +12,7 @@
 #include "anigen/core/random.h"
 #include "anigen/experiment/command.h"
 #include "anigen/experiment/run_jobs.h"
+#include "anigen/experiment/sheets.h"
 
 namespace anigen::experiment {
 
@@ -57,6 +58,17 @@ Metrics read_metrics(const fs::path& file, const std::vector<Column>& columns) {
     }
   }
   return metrics;
+}
+
+/// The file itself, or of those that a * stands for the last one, numbers counting: step1200 is after step800.
+fs::path last_file(const fs::path& folder, const std::string& file) {
+  if (file.find('*') == std::string::npos) return folder / file;
+  std::vector<fs::path> files = matching_files(folder, file);
+  if (files.empty()) throw InputError((folder / file).string(), "", "there is no such file");
+  const auto is_before = [](const fs::path& a, const fs::path& b) {
+    return std::make_pair(a.native().size(), a) < std::make_pair(b.native().size(), b);
+  };
+  return *std::max_element(files.begin(), files.end(), is_before);
 }
 
 Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string& purpose) {
@@ -203,17 +215,18 @@ double sign_flip_p(const std::vector<double>& differences, const std::string& pu
   return static_cast<double>(as_far + 1) / static_cast<double>(kSignDraws + 1);
 }
 
-ResultTable collect_results(const Experiment& experiment, const Plan& plan, const fs::path& out,
-                            const TableSpec& spec) {
+ResultTable collect_results(const Experiment& experiment, const Plan& plan, const fs::path& out, const TableSpec& spec,
+                            const std::optional<std::string>& variant) {
   ResultTable table{spec, {}, {}, {}};
   for (std::size_t v = 0; v < experiment.variants.size(); ++v) {
+    if (variant && experiment.variants[v].name != *variant) continue;
     std::vector<Metrics> seeds;
     std::set<std::size_t> seen;  // a step that no seed reaches is one job
     for (const PlannedRun& run : plan.runs) {
       if (run.variant != v || !seen.insert(run.jobs.at(spec.step)).second) continue;
       const Job& job = plan.jobs[run.jobs.at(spec.step)];
       if (is_done(out, job)) {
-        seeds.push_back(read_metrics(job.folder / spec.file, spec.columns));
+        seeds.push_back(read_metrics(last_file(job.folder, spec.file), spec.columns));
       } else {
         table.missing.push_back(job.id + (job.serves.front().empty() ? "" : " (" + job.serves.front() + ")"));
       }

@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,9 +42,10 @@ struct ResultTable {
 };
 
 /// Collects one table from the metrics.csv files of the jobs that are done.
+/// @param variant the only one to collect; null: all
 /// @throws InputError for a file without the columns "id" and "method", or without a wanted one
 ResultTable collect_results(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
-                            const TableSpec& spec);
+                            const TableSpec& spec, const std::optional<std::string>& variant = {});
 
 /// A file of metrics. @throws InputError without the columns "id" and "method", or without one of these
 CsvTable metrics_table(const std::filesystem::path& file, const std::vector<Column>& columns);

@@ -217,10 +217,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Those of the folder itself and, claim by claim, of the papers.
 std::vector<fs::path> shipped() {
   std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(test::source_dir() / "experiments"))
-    if (entry.path().extension() == ".json") files.push_back(entry.path());
+  for (const char* folder : {"experiments", "experiments/paper"}) {
+    for (const auto& entry : fs::directory_iterator(test::source_dir() / folder))
+      if (entry.path().extension() == ".json" && !read_collection(entry.path())) files.push_back(entry.path());
+  }
   std::sort(files.begin(), files.end());
   return files;
 }
@@ -241,6 +244,28 @@ TEST_F(ShippedExperiments, AreReadAndPlanned) {
     if (e.variants.size() > 1) {
       EXPECT_EQ(job_of(p, 0, "dataset").serves.size(), p.runs.size());
     }
+  }
+}
+
+TEST_F(ShippedExperiments, OfThePapersHaveClaimsAndScalesAndAreCollected) {
+  for (const char* name : {"anigen-generate", "anigen-rig"}) program(name, "#!/bin/bash\n");
+  const fs::path folder = test::source_dir() / "experiments/paper";
+  const auto all = read_collection(folder / "all.json");
+  ASSERT_TRUE(all.has_value());
+  std::size_t files = 0;
+  for (const auto& entry : fs::directory_iterator(folder)) files += entry.path().extension() == ".json" ? 1 : 0;
+  EXPECT_EQ(all->files.size(), files - 1);
+  for (const fs::path& file : all->files) {
+    SCOPED_TRACE(file.filename());
+    const Experiment small = read_experiment(file, {}, "small"), tiny = read_experiment(file, {}, "tiny");
+    EXPECT_FALSE(small.claims.empty());
+    EXPECT_EQ(small.seeds.size(), 3u);
+    EXPECT_EQ(tiny.seeds.size(), 1u);
+    double minutes = 0;
+    const Plan plan = make_plan(tiny, place_);
+    for (const Job& job : plan.jobs) minutes += job.minutes;
+    EXPECT_LT(minutes, 30);
+    EXPECT_LT(plan.jobs.size(), make_plan(small, place_).jobs.size());
   }
 }
 

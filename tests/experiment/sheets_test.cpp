@@ -48,7 +48,7 @@ TEST_F(ContactSheet, RanksEveryAssetAndMarksBestMedianAndWorst) {
   EXPECT_FALSE(cells[0].files[1].empty());
   EXPECT_TRUE(cells[1].files[1].empty());
 
-  const std::string html = report_html(e, plan, place_, collect_all_results(e, plan, place_));
+  const std::string html = report_html(e, plan, place_, collect_all_results(e, plan, place_), {});
   EXPECT_NE(html.find("All of them: plain, seed 0"), std::string::npos);
   EXPECT_NE(html.find("1 · 0.10 · <b>best</b>"), std::string::npos);
   EXPECT_NE(html.find("data:image/jpeg;base64,"), std::string::npos);
@@ -128,7 +128,7 @@ TEST_F(VariantStrip, ShowsTheSameAssetsUnderEveryVariant) {
   EXPECT_FALSE(strip.rows[1].cells[0].file.empty());
   EXPECT_TRUE(strip.rows[1].cells[1].file.empty());
 
-  const std::string html = report_html(e, plan, place_, collect_all_results(e, plan, place_));
+  const std::string html = report_html(e, plan, place_, collect_all_results(e, plan, place_), {});
   EXPECT_NE(html.find("Side by side"), std::string::npos);
   EXPECT_NE(html.find("J2J 0.2"), std::string::npos);
   EXPECT_NE(html.find("no file"), std::string::npos);

@@ -77,7 +77,7 @@ TEST_F(ExperimentViewer, AReportHoldsTheViewsAndTheScriptOnce) {
   const Experiment e = experiment(with_viewer());
   const Plan plan = make_plan(e, place_);
   const auto count = [&](const std::string& text) {
-    const std::string html = report_html(e, plan, place_, {});
+    const std::string html = report_html(e, plan, place_, {}, {});
     std::size_t found = 0;
     for (std::size_t at = html.find(text); at != std::string::npos; at = html.find(text, at + 1)) ++found;
     return found;

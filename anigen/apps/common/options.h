@@ -242,6 +242,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--dry-run", 0, "", "Work", "Only show what would be done", ""},
     {"--together", 0, "", "Work", "With --only: others may run the same job at the same time and share its work", ""},
     {"--emit", 0, "slurm", "Work", "Write array jobs for a cluster instead of running", ""},
+    {"--scale", 0, "WORD", "Work", "One of the sizes that the file offers under \"scales\" [as the file has it]", ""},
     {"--programs", 0, "DIR", "Work", "Folder of the executables [that of this one]", ""},
     {"--shard", 0, "I/N", "Work", "Only part I of N, counted from 0; not needed for several to work at once", ""},
     {"--shards", 0, "N", "Work", "Shards that trainings read of --stream; at most two more are on the disk", ""},

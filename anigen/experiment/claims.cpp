@@ -1,0 +1,176 @@
+#include "anigen/experiment/claims.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "anigen/core/text.h"
+
+namespace anigen::experiment {
+
+namespace {
+
+constexpr std::size_t kFewestAssets = 6;
+
+/// A side's numbers. @param missing gets the jobs that have not been run
+Cell side_cell(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out, const ClaimSide& side,
+               const Column& column, std::vector<std::string>& missing) {
+  TableSpec wanted;
+  wanted.step = side.step;
+  wanted.file = side.file;
+  wanted.columns = {column};
+  const ResultTable table = collect_results(experiment, plan, out, wanted, side.variant);
+  for (const std::string& job : table.missing) {
+    if (std::find(missing.begin(), missing.end(), job) == missing.end()) missing.push_back(job);
+  }
+  for (const Row& row : table.rows) {
+    if (side.method.empty() || row.method == side.method) return row.cells[0];
+  }
+  return {};
+}
+
+/// Differences of means over assets, seed by seed. A side that no seed changes has one value for all of them.
+/// @return empty where the sides have other seeds
+std::vector<double> seed_advantages(const Cell& of, const Cell& over, double sign) {
+  const std::size_t seeds = std::max(of.by_seed.size(), over.by_seed.size());
+  std::vector<double> advantages;
+  for (const Cell* side : {&of, &over}) {
+    if (side->by_seed.size() != seeds && side->by_seed.size() != 1) return {};
+  }
+  for (std::size_t s = 0; s < seeds; ++s) {
+    const double a = of.by_seed[of.by_seed.size() == 1 ? 0 : s], b = over.by_seed[over.by_seed.size() == 1 ? 0 : s];
+    advantages.push_back(sign * eval::difference(a, b));
+  }
+  return advantages;
+}
+
+ClaimResult judged(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
+                   const ClaimSpec& spec) {
+  ClaimResult result;
+  result.spec = spec;
+  std::vector<std::string> missing;
+  result.of = side_cell(experiment, plan, out, spec.of, spec.column, missing);
+  result.over = side_cell(experiment, plan, out, spec.over, spec.column, missing);
+  if (!result.of.has() || !result.over.has()) {
+    result.reason =
+        missing.empty() ? "no numbers of " + side_text(result.of.has() ? spec.over : spec.of) : joined(missing);
+    return result;
+  }
+  const double sign = spec.column.better == Column::Better::kHigher ? 1.0 : -1.0;
+  std::vector<double> first, second;
+  for (const auto& [id, value] : result.of.by_asset) {
+    const auto other = result.over.by_asset.find(id);
+    if (other == result.over.by_asset.end()) continue;
+    first.push_back(sign * value);
+    second.push_back(sign * other->second);
+  }
+  result.by_asset = eval::paired_difference(first, second, 0, spec.text);
+  result.by_seed = seed_advantages(result.of, result.over, sign);
+  if (!missing.empty() || result.by_seed.empty()) {
+    result.reason = missing.empty() ? "both sides need the same seeds" : joined(missing);
+    return result;
+  }
+  result.seed_interval = student_interval(result.by_seed);
+  result.verdict = verdict_of(result.by_asset, result.seed_interval, result.by_seed.size(), spec.margin);
+  return result;
+}
+
+std::string advantage_text(double mean, const eval::Interval& interval, int digits) {
+  return (mean >= 0 ? "+" : "") + fixed(mean, digits) + " [" + fixed(interval.low, digits) + ", " +
+         fixed(interval.high, digits) + "]";
+}
+
+}  // namespace
+
+const char* word_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kConfirmed:
+      return "confirmed";
+    case Verdict::kRefuted:
+      return "refuted";
+    case Verdict::kTooSmall:
+      return "too small to tell";
+    case Verdict::kNotRun:
+      break;
+  }
+  return "not run";
+}
+
+Verdict verdict_of(const eval::PairedDifference& by_asset, const eval::Interval& over_seeds, std::size_t seeds,
+                   double margin) {
+  if (by_asset.n < kFewestAssets) return Verdict::kTooSmall;
+  const bool counts_seeds = seeds > 1;
+  if (by_asset.interval.low > margin && (!counts_seeds || over_seeds.low > margin)) return Verdict::kConfirmed;
+  if (by_asset.interval.high < margin && (!counts_seeds || over_seeds.high < margin)) return Verdict::kRefuted;
+  return Verdict::kTooSmall;
+}
+
+std::vector<ClaimResult> judge_claims(const Experiment& experiment, const Plan& plan,
+                                      const std::filesystem::path& out) {
+  std::vector<ClaimResult> results;
+  for (const ClaimSpec& spec : experiment.claims) results.push_back(judged(experiment, plan, out, spec));
+  return results;
+}
+
+Table claim_table(const std::vector<ClaimResult>& claims) {
+  Table table{
+      {"claim", "source", "measured by", "published", "here", "better by, over assets", "over seeds", "verdict"}, {}};
+  for (const ClaimResult& claim : claims) {
+    const ClaimSpec& spec = claim.spec;
+    const int digits = spec.column.digits;
+    std::string published = "–", here = "–", assets = "–", seeds = "–", verdict = word_of(claim.verdict);
+    if (spec.published)
+      published = fixed(spec.published->first, digits) + " / " + fixed(spec.published->second, digits);
+    if (claim.of.has() && claim.over.has()) {
+      here = fixed(claim.of.mean, digits) + " / " + fixed(claim.over.mean, digits);
+      assets = advantage_text(claim.by_asset.mean, claim.by_asset.interval, digits) + ", " +
+               std::to_string(claim.by_asset.n);
+      double sum = 0.0;
+      for (const double advantage : claim.by_seed) sum += advantage;
+      const auto count = claim.by_seed.size();
+      if (count > 1)
+        seeds = advantage_text(sum / static_cast<double>(count), claim.seed_interval, digits) + ", " +
+                std::to_string(count);
+      if (count == 1) seeds = "one";
+    }
+    if (!claim.reason.empty()) verdict += ": " + claim.reason;
+    std::string measured = spec.column.label + " of " + side_text(spec.of) + " / " + side_text(spec.over);
+    if (spec.margin != 0.0) measured += ", by " + fixed(spec.margin, digits);
+    table.rows.push_back({spec.text, spec.source, std::move(measured), published, here, assets, seeds, verdict});
+  }
+  return table;
+}
+
+std::string claim_text() {
+  return "Advantage of the first over the second, positive where it is better, with 95 % intervals: over assets (means "
+         "over seeds, paired, bootstrap; number of assets) and over seeds (Student's t; number of seeds). Confirmed or "
+         "refuted: both lie on one side of the margin, which is 0 where none is named.";
+}
+
+Json claims_json(const std::vector<ClaimResult>& claims) {
+  Json list = Json::array();
+  for (const ClaimResult& claim : claims) {
+    const ClaimSpec& spec = claim.spec;
+    Json json = {{"claim", spec.text},
+                 {"source", spec.source},
+                 {"column", spec.column.key},
+                 {"of", side_text(spec.of)},
+                 {"over", side_text(spec.over)},
+                 {"margin", spec.margin},
+                 {"verdict", word_of(claim.verdict)}};
+    if (spec.published) json["published"] = {spec.published->first, spec.published->second};
+    if (!claim.reason.empty()) json["reason"] = claim.reason;
+    if (claim.of.has() && claim.over.has()) {
+      json["here"] = {claim.of.mean, claim.over.mean};
+      json["by_asset"] = {{"mean", claim.by_asset.mean},
+                          {"low", claim.by_asset.interval.low},
+                          {"high", claim.by_asset.interval.high},
+                          {"n", claim.by_asset.n}};
+      json["by_seed"] = claim.by_seed;
+    }
+    list.push_back(std::move(json));
+  }
+  return list;
+}
+
+}  // namespace anigen::experiment
