@@ -7,6 +7,7 @@
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/eval/evaluate_command.h"
+#include "anigen/eval/protocol.h"
 #include "anigen/eval/skin_evaluation.h"
 
 namespace {
@@ -67,6 +68,8 @@ eval::EvaluationRequest shapes_request(const EvalArguments& options, const Commo
   request.settings.alignment.normalization = metrics::normalization_mode(options.normalization);
   if (options.point_to_plane) request.settings.alignment.registration.variant = metrics::IcpVariant::kPointToPlane;
   if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
+  request.protocol = options.protocol;
+  if (!options.protocol.empty()) eval::apply(eval::evaluation_protocol(options.protocol), request.settings);
   request.resume = !options.force;
   request.report = !options.no_report;
   request.pictured = options.report_images;
@@ -75,7 +78,10 @@ eval::EvaluationRequest shapes_request(const EvalArguments& options, const Commo
 
 void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
   const eval::Comparison comparison = eval::run_evaluation(shapes_request(options, common));
-  print_result(eval::to_json(comparison), to_markdown(comparison), common);
+  std::string text = to_markdown(comparison);
+  if (!options.protocol.empty())
+    text += "\n" + protocol_markdown(comparison, eval::evaluation_protocol(options.protocol));
+  print_result(eval::to_json(comparison), text, common);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     require_inputs(
         eval::failures(comparison, m), comparison.ids.size(),
@@ -147,6 +153,7 @@ std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options
   };
   add("--pred-up", options.prediction_up);
   add("--dataset-up", options.dataset_up);
+  add("--protocol", options.protocol);
   add("--normalize", options.normalization);
   add("--no-icp", options.no_icp);
   add("--visible-surface", options.shapes.settings.visible_surface);
@@ -264,6 +271,12 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
     refuse_given(
         app, {"--device"},
         "is of networks, which only --ss-flow, --oracle, --skin-ae and --lpips-weights use; the rest is for the CPU");
+  }
+  if (!options.protocol.empty()) {
+    refuse_given(app,
+                 {"--normalize", "--no-icp", "--visible-surface", "--merge-joints", "--metrics", "--rotations",
+                  "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive", "--transport", "--sinkhorn-epsilon"},
+                 "is fixed by --protocol " + options.protocol);
   }
   if (options.no_icp) {
     refuse_given(app, {"--rotations", "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive"},

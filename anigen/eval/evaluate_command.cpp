@@ -12,6 +12,7 @@
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/pairs.h"
+#include "anigen/eval/protocol.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/metrics/motion.h"
 
@@ -107,7 +108,7 @@ Opened open(const EvaluationRequest& request) {
 /// Results lie in --output under fixed names; pictures of motions replace whatever is in their folder.
 void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened) {
   std::vector<fs::path> outputs;
-  for (const char* file : {"metrics.json", "metrics.csv", "table.md", "table.tex", "report.html"})
+  for (const char* file : {"metrics.json", "metrics.csv", "table.md", "table.tex", "report.html", "protocol.md"})
     outputs.push_back(request.out / file);
   std::error_code error;
   for (fs::recursive_directory_iterator entry(request.out / "motion", error), end;
@@ -207,6 +208,9 @@ void write(const Comparison& comparison, const EvaluationRequest& request, const
   write_file_atomically(request.out / "metrics.csv", to_csv(to_csv_table(comparison)));
   write_file_atomically(request.out / "table.md", to_markdown(comparison));
   write_file_atomically(request.out / "table.tex", to_latex(comparison));
+  if (!request.protocol.empty())
+    write_file_atomically(request.out / "protocol.md",
+                          protocol_markdown(comparison, evaluation_protocol(request.protocol)) + "\n");
   std::vector<MotionStrip> motions = draw_motions(methods, comparison, request, run);
   if (!request.report) return;
   ComparisonReportOptions report;
@@ -234,6 +238,12 @@ std::pair<std::string, fs::path> named_path(const std::string& text) {
 
 Comparison run_evaluation(const EvaluationRequest& request) {
   if (request.predictions.empty()) throw InputError("", "--pred", "nothing to evaluate");
+  if (!request.protocol.empty()) {
+    EvaluationRequest fixed = request;
+    apply(evaluation_protocol(request.protocol), fixed.settings);
+    if (!(to_json(fixed.settings) == to_json(request.settings)))
+      throw InputError("", "--protocol", "the settings are not those of the protocol: apply() sets them");
+  }
   check(request.settings);
   if (!request.worst_by.empty() && find_metric(request.worst_by) == nullptr)
     throw InputError("", request.worst_by, "no such metric; docs/metrics.md lists them");
@@ -264,6 +274,7 @@ Comparison run_evaluation(const EvaluationRequest& request) {
   if (!others.empty()) comparison.settings["results_of_other_commits"] = others;
   comparison.settings["sources"] = opened.described;
   comparison.settings["splits"] = request.splits;
+  if (!request.protocol.empty()) comparison.settings["protocol"] = request.protocol;
   write(comparison, request, opened.methods, run);
   return comparison;
 }

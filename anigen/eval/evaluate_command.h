@@ -30,12 +30,14 @@ struct EvaluationRequest {
   bool resume = true, accept_other_code = false;  ///< as ComparisonRun's
   bool report = true;
   std::size_t pictured = 6;
+  std::string protocol;              ///< of evaluation_protocol(): fixes the settings; empty: none
   std::string motion;                ///< FILE or FILE#CLIP that every truth moves by (read_motion()); empty: its own
   std::size_t motions_pictured = 0;  ///< assets drawn in motion: into out/motion and the report
   std::string worst_by;
 };
 
-/// Evaluates and writes metrics.json, metrics.csv, table.md, table.tex and report.html into request.out; results of
+/// Evaluates and writes metrics.json, metrics.csv, table.md, table.tex and report.html into request.out, and
+/// protocol.md where one is asked for; results of
 /// single pairs lie under out/pairs, from where an interrupted run goes on. Pictures of motions
 /// and the rigs with their clips go to out/motion/<asset>.
 /// @return what was written @throws InputError for what is wrong with the request, before any work where a result would
@@ -55,6 +57,7 @@ struct EvalArguments {
   std::vector<std::string> splits, lpips_weights, groups;
   std::string dataset, output, skin_ae, skins;
   std::vector<std::string> skin_runs;
+  std::string protocol;
   std::string normalization = "centroid-rms", prediction_up = "format", dataset_up = "format", transport = "exact";
   std::size_t report_images = 4;
   bool no_icp = false, point_to_plane = false, force = false, no_report = false;

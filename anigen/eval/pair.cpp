@@ -263,6 +263,10 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
   const metrics::SkinOverlap overlap = metrics::rignet_skin_overlap(matched_matrix, truth_matrix);
   result.set("skin_precision", overlap.precision);
   result.set("skin_recall", overlap.recall);
+  const metrics::PuppeteerSkinScore puppeteer = metrics::puppeteer_skin(matched_matrix, truth_matrix);
+  result.set("puppeteer.skin_precision", puppeteer.overlap.precision);
+  result.set("puppeteer.skin_recall", puppeteer.overlap.recall);
+  result.set("puppeteer.skin_l1", puppeteer.l1);
   const metrics::AnymateSkinScore anymate = metrics::anymate_skin(matched_matrix, truth_matrix);
   result.set("skin_ce", anymate.cross_entropy);
   result.set("skin_cos", 1.0 - anymate.cos_loss);
@@ -387,6 +391,7 @@ Json to_json(const PairSettings& settings) {
           {"seed", settings.seed},
           {"surface_samples", settings.surface_samples},
           {"visible_surface", settings.visible_surface},
+          {"clip_joints", settings.clip_joints},
           {"merge_joints", settings.merge_joints},
           {"image_size", settings.image_size},
           {"poses", settings.poses},
@@ -480,6 +485,10 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
   }
   shapes.predicted = metrics::transformed(shapes.alignment.prediction, predicted);
   shapes.truth = metrics::transformed(shapes.alignment.truth, truth);
+  if (settings.clip_joints) {
+    for (Eigen::Vector3d& joint : shapes.truth.joints.positions)
+      joint = joint.cwiseMax(-0.5).cwiseMin(0.5).cast<Eigen::half>().cast<double>();
+  }
   if (settings.merge_joints > 0.0) {
     for (io::RiggedShape* shape : {&shapes.predicted, &shapes.truth}) {
       const std::size_t merged = merge_joints(*shape, settings.merge_joints);

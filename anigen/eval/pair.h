@@ -30,6 +30,8 @@ struct PairSettings {
   metrics::AlignmentOptions alignment;
   std::uint64_t seed = 0;  ///< of samples, starting rotations, poses
   std::size_t surface_samples = 100000;
+  bool clip_joints = false;      ///< the truth's joints are clipped to the unit box and rounded to half precision, as
+                                 ///< MagicArticulate's and Puppeteer's data sets store them
   double merge_joints = 0.0;     ///< merge_joints() of both sides at this distance, in the frame of scores; 0: none
   bool visible_surface = false;  ///< alignment and surface metrics by geometry::visible_surface() of either mesh
   int image_size = 512;          ///< pixels of the views that PSNR, SSIM and LPIPS compare

@@ -14,6 +14,8 @@ namespace {
 
 const Words<NormalizationMode> kNormalizationModes = {{NormalizationMode::kCentroidRms, "centroid-rms"},
                                                       {NormalizationMode::kBoundingBox, "bounding-box"},
+                                                      {NormalizationMode::kTruth, "truth"},
+                                                      {NormalizationMode::kTruthWithJoints, "truth-with-joints"},
                                                       {NormalizationMode::kNone, "none"}};
 
 constexpr double kLargestCoordinate = 1e15;  // what the ray tracing structures accept
@@ -56,6 +58,17 @@ AlignedBy common_ground(const io::RiggedShape& a, const io::RiggedShape& b) {
 Similarity normalize(const io::RiggedShape& shape, NormalizationMode mode, AlignedBy by) {
   try {
     return by == AlignedBy::kJoints ? normalization(shape.joints.positions, mode) : normalization(shape.mesh, mode);
+  } catch (const InputError& error) {
+    throw InputError(shape.file, error.place(), error.problem());
+  }
+}
+
+/// By the box of vertices and joints.
+Similarity normalize_with_joints(const io::RiggedShape& shape) {
+  std::vector<Eigen::Vector3d> points = in_double(shape.mesh.vertices);
+  points.insert(points.end(), shape.joints.positions.begin(), shape.joints.positions.end());
+  try {
+    return normalization(points, NormalizationMode::kBoundingBox);
   } catch (const InputError& error) {
     throw InputError(shape.file, error.place(), error.problem());
   }
@@ -129,7 +142,7 @@ Similarity normalization(const Mesh& mesh, NormalizationMode mode) {
 Similarity normalization(const std::vector<Eigen::Vector3d>& points, NormalizationMode mode) {
   check_points(points);
   if (mode == NormalizationMode::kNone) return {};
-  if (mode == NormalizationMode::kBoundingBox) {
+  if (mode != NormalizationMode::kCentroidRms) {
     Box box;
     for (const Eigen::Vector3d& point : points) box.extend(point);
     return centred(box.center(), box.longest_side());
@@ -147,10 +160,13 @@ Alignment align(const io::RiggedShape& prediction, const io::RiggedShape& truth,
   check(options.registration);
   Alignment result;
   result.by = common_ground(prediction, truth);
-  const Similarity from = normalize(prediction, options.normalization, result.by);
-  const Similarity to = normalize(truth, options.normalization, result.by);
-  const bool raw = options.normalization == NormalizationMode::kNone;
-  result.truth = raw ? Similarity{} : normalize(truth, NormalizationMode::kBoundingBox, result.by);
+  const NormalizationMode mode = options.normalization;
+  const bool with_joints = mode == NormalizationMode::kTruthWithJoints;
+  const bool is_common = mode == NormalizationMode::kTruth || with_joints;
+  const Similarity to = with_joints ? normalize_with_joints(truth) : normalize(truth, mode, result.by);
+  const Similarity from = is_common ? to : normalize(prediction, mode, result.by);
+  const bool raw = mode == NormalizationMode::kNone;
+  result.truth = raw || is_common ? to : normalize(truth, NormalizationMode::kBoundingBox, result.by);
   const Similarity to_scores = compose(result.truth, to.inverse());
   if (options.icp) {
     result.icp = register_shapes(prepare(prediction, from, result.by, options.registration),

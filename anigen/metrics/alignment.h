@@ -14,10 +14,13 @@ enum class NormalizationMode {
   kCentroidRms,  ///< centroid of the surface at the origin, RMS distance of the surface from it 1: the only one that
                  ///< does not change when the shape is rotated, so the only one after which a rigid ICP can be exact
   kBoundingBox,  ///< centre of the box at the origin, longest side 1: the reference's, and the frame of all scores
+  kTruth,        ///< both shapes by the truth's box: a prediction for a given mesh stays where it is in it
+  kTruthWithJoints,  ///< likewise, the box being that of the truth's vertices and joints (UniRig); it is the frame of
+                     ///< scores, too
   kNone
 };
 
-/// "centroid-rms", "bounding-box", "none". @throws InputError for another word
+/// "centroid-rms", "bounding-box", "truth", "truth-with-joints", "none". @throws InputError for another word
 NormalizationMode normalization_mode(const std::string& word);
 std::string to_string(NormalizationMode mode);
 
@@ -35,6 +38,7 @@ SurfaceMoments surface_moments(const Mesh& mesh);
 
 /// Scale and translation that normalise a shape. A shape without size keeps its scale: 1. The box is that of all
 /// vertices, as everywhere; without faces the vertices are a point set.
+/// @param mode kTruth and kTruthWithJoints count as kBoundingBox
 /// @throws InputError without vertices, on a bad index or a position that is not finite or beyond 1e15
 Similarity normalization(const Mesh& mesh, NormalizationMode mode);
 

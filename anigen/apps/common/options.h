@@ -194,7 +194,8 @@ inline constexpr OptionRow kOptions[] = {
     {"--encode-ss", 0, "DIR", "Preparation", "Run folder of stage 2, by which anigen-encode ss adds latents to every shard of --stream", ""},
     {"--encode-slat", 0, "DIR", "Preparation", "Run folder of stage 3, by which anigen-encode slat adds latents to every shard of --stream", ""},
     // --- Metrics ---
-    {"--normalize", 0, "centroid-rms|bounding-box|none", "Metrics", "Normalisation before registration", ""},
+    {"--protocol", 0, "anigen|magicarticulate|puppeteer|rignet|unirig|anymate|skintokens", "Metrics", "Evaluate as this work does: frame, registration, sampling, thresholds and units of its tables; writes protocol.md. skintokens is not supported: its evaluation is not published", ""},
+    {"--normalize", 0, "centroid-rms|bounding-box|truth|truth-with-joints|none", "Metrics", "Normalisation before registration; truth: both sides by the truth's box", ""},
     {"--no-icp", 0, "", "Metrics", "Normalise only, do not register", ""},
     {"--visible-surface", 0, "", "Metrics", "Normalise, register and measure surfaces by their faces that can be seen from outside", ""},
     {"--merge-joints", 0, "X", "Metrics", "Joints within this distance of another are one joint, on both sides, in units of the box; 0: none", ""},
