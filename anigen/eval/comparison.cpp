@@ -19,6 +19,7 @@
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
 #include "anigen/core/version.h"
+#include "anigen/eval/skeleton_groups.h"
 
 namespace anigen::eval {
 
@@ -294,6 +295,7 @@ Json to_json(const Comparison& comparison) {
             {"mean", of.mean}, {"low", of.interval.low}, {"high", of.interval.high}, {"n", of.n}, {"equal", of.equal}};
     }
   }
+  if (const auto skeletons = by_skeleton(comparison)) json["over_skeletons"] = skeleton_json(*skeletons);
   json["unused_predictions"] = comparison.unused;
   for (std::size_t m = 0; m < comparison.pairing.size(); ++m) {
     const Pairing& pairing = comparison.pairing[m];
@@ -433,6 +435,9 @@ std::string to_markdown(const Comparison& comparison) {
     text += "\nBest in bold, second best in italics; methods with values on different assets are not ranked.\n";
   const std::string transport = transport_text(comparison);
   if (!transport.empty()) text += "\n" + transport + "\n";
+  if (const auto skeletons = by_skeleton(comparison))
+    add_section(text, "Every skeleton once: mean ± half of the 95 % interval over skeletons",
+                skeleton_mean_table(*skeletons));
   add_section(text, "Pairs", pairing_table(comparison));
   add_section(text, "Differences to " + comparison.methods[0], difference_table(comparison));
   for (std::size_t m = 0; m < comparison.methods.size(); ++m)

@@ -11,6 +11,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/table.h"
+#include "anigen/eval/skeleton_groups.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/metrics/deformation.h"
@@ -445,6 +446,9 @@ std::string comparison_report(const Comparison& comparison, const ComparisonRepo
                   method_table(comparison, present_metrics(comparison, true)));
   const std::string transport = transport_text(comparison);
   if (!transport.empty()) html += "<p class=\"hint\">" + html_escaped(transport) + "</p>\n";
+  if (const auto skeletons = by_skeleton(comparison))
+    html += section("Every skeleton once: mean ± half of the 95 % interval over skeletons",
+                    skeleton_mean_table(*skeletons));
   html += section("Pairs", pairing_table(comparison));
   html += section("Differences to " + comparison.methods[0], difference_table(comparison));
   html += motions(options.motions);

@@ -11,6 +11,7 @@
 #include "anigen/eval/pair.h"
 #include "anigen/eval/pairs.h"
 #include "anigen/eval/protocol.h"
+#include "anigen/eval/skeleton_groups.h"
 #include "anigen/eval/skin_baselines.h"
 #include "anigen/eval/skin_evaluation.h"
 #include "anigen/eval/skin_intervals.h"

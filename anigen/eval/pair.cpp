@@ -512,6 +512,7 @@ PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape
   result.details["alignment"] = alignment_json(shapes.alignment);
   result.details["prediction"] = sizes(predicted);
   result.details["ground_truth"] = sizes(truth);
+  if (truth.has_joints()) result.details["skeleton"] = tree_signature(truth.joints.parents);
   if (shapes.alignment.icp_used)
     result.set("icp_rmse", shapes.alignment.icp.rmse);
   else

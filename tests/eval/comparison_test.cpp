@@ -8,6 +8,7 @@
 #include "anigen/eval/comparison.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/evaluate_command.h"
+#include "anigen/eval/skeleton_groups.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -49,6 +50,27 @@ TEST(Comparison, SummarisesAndRanks) {
   EXPECT_EQ(ranks(comparison, metric("j2j")), (std::vector<int>{1, 2}));
   EXPECT_EQ(ranks(comparison, metric("fscore")), (std::vector<int>{1, 2}));
   EXPECT_EQ(ranks(comparison, metric("psnr")), (std::vector<int>{0, 0}));
+}
+
+TEST(Comparison, EverySkeletonCountsOnce) {
+  Comparison comparison = two_methods();
+  EXPECT_FALSE(by_skeleton(comparison).has_value()) << "trees are not known";
+  for (const std::size_t i : {0U, 1U, 2U}) comparison.results[0][i].details["skeleton"] = i < 2 ? "tree" : "other";
+  comparison.results[1][2] = {};
+  comparison.results[1][2].failure = "no prediction";
+  const auto skeletons = by_skeleton(comparison);
+  ASSERT_TRUE(skeletons.has_value());
+  EXPECT_EQ(skeletons->ids, (std::vector<std::string>{"other", "tree"}));
+  EXPECT_NEAR(skeletons->results[0][1].value("j2j"), 0.15, 1e-12);
+  EXPECT_NEAR(summarize_metric(*skeletons, 0, "j2j").summary.mean, 0.5 * (0.15 + 0.3), 1e-12);
+  EXPECT_EQ(failures(*skeletons, 1), 1U);
+  const Table table = skeleton_mean_table(*skeletons);
+  EXPECT_EQ(table.rows[0][1], "2");
+  EXPECT_EQ(table.rows[1][1], "1");
+  EXPECT_NE(to_markdown(comparison).find("Every skeleton once"), std::string::npos);
+  EXPECT_NEAR(to_json(comparison)["over_skeletons"]["methods"]["ours"]["j2j"]["mean"].get<double>(), 0.225, 1e-12);
+  for (const std::size_t i : {0U, 1U, 2U}) comparison.results[0][i].details["skeleton"] = std::to_string(i);
+  EXPECT_FALSE(by_skeleton(comparison).has_value()) << "each has its own";
 }
 
 TEST(Comparison, DoesNotRankMeansOverDifferentAssets) {
