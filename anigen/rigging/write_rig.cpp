@@ -1,6 +1,7 @@
 #include "anigen/rigging/write_rig.h"
 
 #include <algorithm>
+#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/gltf/graft.h"
+#include "anigen/io/gltf/graft_source.h"
 #include "anigen/io/gltf/rig.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/write_rigged.h"
@@ -78,11 +80,14 @@ Skeleton grafted_skeleton(const RigRequest& request, const EngineRig& rig, const
   return in_format_axes(asset.skeleton, request.axes, request.engine.axes != BoneAxes::kAlong);
 }
 
-/// The joints' own axes and clips, where the joints are those of the mesh's file and it has clips.
+/// The joints' own axes and clips, where the first joints are those of the mesh's file and it has clips.
 void add_own_clips(const io::RiggedShape& shape, Asset& asset) {
   if (shape.clips == nullptr) return;
   const Skeleton& own = shape.clips->skeleton;
-  if (own.names != asset.skeleton.names || own.parents != asset.skeleton.parents) return;
+  const auto begins_with = [](const auto& all, const auto& first) {
+    return all.size() >= first.size() && std::equal(first.begin(), first.end(), all.begin());
+  };
+  if (!begins_with(asset.skeleton.names, own.names) || !begins_with(asset.skeleton.parents, own.parents)) return;
   Skeleton turned = own;
   std::vector<Animation> animations = shape.clips->animations;
   io::turn_rig(shape.clips_turn, turned, animations);
@@ -91,7 +96,9 @@ void add_own_clips(const io::RiggedShape& shape, Asset& asset) {
   for (std::size_t j = 0; j < places.size(); ++j) {
     if (!((places[j] - wanted[j]).norm() <= near)) return;
   }
-  asset.skeleton = std::move(turned);
+  std::vector<int> numbers(asset.skeleton.size());
+  std::iota(numbers.begin(), numbers.end(), 0);
+  asset.skeleton = io::gltf_import::with_further_joints(turned, asset.skeleton, numbers);
   asset.animations = std::move(animations);
 }
 

@@ -9,6 +9,7 @@
 #include "anigen/curve_skeleton/contraction.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/container.h"
+#include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/rigged_shape.h"
@@ -511,6 +512,34 @@ TEST_F(RigMeshes, AutoRigsBodiesThatStandApartOneByOne) {
   }
   request_.separate_bodies = false;
   EXPECT_EQ(rig_meshes(request_).meshes[1].joints, 7u);
+}
+
+TEST_F(RigMeshes, AddedJointsLeaveTheClipsAsTheyAre) {
+  if (!curve_skeleton::can_contract()) GTEST_SKIP() << "not supported: a build without CGAL (ANIGEN_WITH_CGAL)";
+  Asset own;
+  own.name = "own";
+  own.mesh = armed_bars(1);
+  own.skeleton = skeleton_from_joints({{0, 0, 0}, {0, 0, 1}, {0, 0, 2}}, {-1, 0, 1}, {"a", "b", "c"});
+  for (std::size_t v = 0; v < own.mesh.vertices.size(); ++v) own.skin.append_row({{1, 1.0F}});
+  Channel turn;
+  turn.joint = 1;
+  turn.path = ChannelPath::kRotation;
+  turn.times = {0.0, 1.0};
+  turn.values = {0, 0, 0, 1, 0, 0.6, 0, 0.8};
+  own.animations = {{"wave", {turn}}};
+  io::write_gltf(folder_ / "own.glb", own);
+  request_.method = parse_rigging_method("auto");
+  request_.meshes = folder_ / "own.glb";
+  request_.edits.extend = true;
+  for (const bool graft : {true, false}) {
+    request_.graft = graft;
+    request_.out = folder_ / (graft ? "out.glb" : "out.fbx");
+    EXPECT_EQ(rig_meshes(request_).meshes[0].failure, "");
+    const io::RiggedShape back = io::open_source(request_.out)->read("out");
+    EXPECT_GT(back.joints.size(), 4u) << graft;
+    ASSERT_NE(back.clips, nullptr) << graft;
+    EXPECT_EQ(back.clips->animations.size(), 1u);
+  }
 }
 
 TEST_F(RigMeshes, JointsAreAddedToASkeletonAlone) {
