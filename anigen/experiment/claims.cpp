@@ -19,6 +19,7 @@ Cell side_cell(const Experiment& experiment, const Plan& plan, const std::filesy
   wanted.step = side.step;
   wanted.file = side.file;
   wanted.columns = {column};
+  if (!side.key.empty()) wanted.columns.front().key = side.key;
   const ResultTable table = collect_results(experiment, plan, out, wanted, side.variant);
   for (const std::string& job : table.missing) {
     if (std::find(missing.begin(), missing.end(), job) == missing.end()) missing.push_back(job);
@@ -71,8 +72,23 @@ ClaimResult judged(const Experiment& experiment, const Plan& plan, const std::fi
     return result;
   }
   result.seed_interval = student_interval(result.by_seed);
+  if (experiment.seeds.size() == 1 && !experiment.seeded.empty()) {
+    // Another training could say otherwise.
+    result.verdict = Verdict::kTooSmall;
+    result.reason = "one seed";
+    return result;
+  }
   result.verdict = verdict_of(result.by_asset, result.seed_interval, result.by_seed.size(), spec.margin);
   return result;
+}
+
+/// "of / over", with their steps where these differ.
+std::string sides_text(const ClaimSpec& spec) {
+  const auto text = [&](const ClaimSide& side) {
+    const std::string named = side_text(side);
+    return spec.of.step == spec.over.step || named == side.step ? named : named + ", " + side.step;
+  };
+  return text(spec.of) + " / " + text(spec.over);
 }
 
 std::string advantage_text(double mean, const eval::Interval& interval, int digits) {
@@ -134,7 +150,7 @@ Table claim_table(const std::vector<ClaimResult>& claims) {
       if (count == 1) seeds = "one";
     }
     if (!claim.reason.empty()) verdict += ": " + claim.reason;
-    std::string measured = spec.column.label + " of " + side_text(spec.of) + " / " + side_text(spec.over);
+    std::string measured = spec.column.label + " of " + sides_text(spec);
     if (spec.margin != 0.0) measured += ", by " + fixed(spec.margin, digits);
     table.rows.push_back({spec.text, spec.source, std::move(measured), published, here, assets, seeds, verdict});
   }
@@ -144,7 +160,8 @@ Table claim_table(const std::vector<ClaimResult>& claims) {
 std::string claim_text() {
   return "Advantage of the first over the second, positive where it is better, with 95 % intervals: over assets (means "
          "over seeds, paired, bootstrap; number of assets) and over seeds (Student's t; number of seeds). Confirmed or "
-         "refuted: both lie on one side of the margin, which is 0 where none is named.";
+         "refuted: both lie on one side of the margin, which is 0 where none is named; trainings of one seed say "
+         "nothing.";
 }
 
 Json claims_json(const std::vector<ClaimResult>& claims) {

@@ -15,7 +15,7 @@ namespace anigen::experiment {
 enum class Verdict {
   kConfirmed,  ///< every 95 % interval of the advantage lies above the margin
   kRefuted,    ///< every one lies below
-  kTooSmall,   ///< an interval holds the margin, or there are fewer than 6 assets
+  kTooSmall,   ///< an interval holds the margin, or there are fewer than 6 assets, or one seed of what seeds change
   kNotRun
 };
 

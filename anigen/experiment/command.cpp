@@ -369,7 +369,7 @@ std::string run_collection(const ExperimentCommand& command, const Collection& c
     }
   }
   const bool has_results = command.what == What::kReport || (command.what == What::kRun && !command.dry_run);
-  if (has_results) text = write_verdicts(collection, all, command.place.out);
+  if (has_results) text = write_verdicts(collection, all, command.scale, command.place.out);
   if (failed > 0)
     throw Error(counted(failed, "of ") + counted(all.size(), "experiments failed; the same command tries again") +
                 (has_results ? "; verdicts so far: " + (command.place.out / "verdicts.md").string() : ""));

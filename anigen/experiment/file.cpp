@@ -79,6 +79,7 @@ std::vector<Variant> read_variants(ConfigReader& reader, const Json& steps) {
     variants.clear();
     for (const auto& [name, changes] : reader.raw("variants")->items()) {
       const Json& object = *named.raw(name);
+      if (object.is_null()) continue;  // one of the extended file, taken back
       ConfigReader inner(object, named.file(), named.pointer_to(name));
       for (const auto& [step, unused] : object.items()) {
         require_step(steps, inner, step, step);
@@ -184,6 +185,7 @@ void read_side(ConfigFields& f, const Experiment& experiment, const std::string&
     fields("method", side.method);
     fields("step", side.step);
     fields("file", side.file);
+    fields("key", side.key);
     const auto is_named = [&](const Variant& variant) { return variant.name == side.variant; };
     if (std::none_of(experiment.variants.begin(), experiment.variants.end(), is_named))
       throw fields.error("variant", "\"" + side.variant + "\" is no variant of this experiment");

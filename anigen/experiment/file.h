@@ -88,6 +88,7 @@ struct ClaimSide {
   std::string method;   ///< value of the column "method"; empty: the only one
   std::string step;     ///< whose numbers; the claim's where it names none
   std::string file;     ///< in the step's folder, likewise
+  std::string key;      ///< of the column there; empty: the claim's
 };
 
 /// "variant, method", as far as they have names, else the step.

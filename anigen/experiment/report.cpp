@@ -359,7 +359,7 @@ fs::path write_report(const Experiment& experiment, const Plan& plan, const Work
 }
 
 std::string write_verdicts(const Collection& collection, const std::vector<CollectedClaims>& experiments,
-                           const fs::path& out) {
+                           const std::string& scale, const fs::path& out) {
   std::map<std::string, std::size_t> counts;
   Table costs{{"experiment", "claims", "time of its jobs", "state"}, {}};
   Json json = Json::array();
@@ -377,7 +377,7 @@ std::string write_verdicts(const Collection& collection, const std::vector<Colle
   }
   std::string sum;
   for (const auto& [word, count] : counts) sum += (sum.empty() ? "" : ", ") + std::to_string(count) + " " + word;
-  sum = sum.empty() ? "No claims." : sum + ".";
+  sum = (scale.empty() ? "" : "At the scale " + scale + ": ") + (sum.empty() ? "no claims." : sum + ".");
   const std::string text = "# " + collection.title + "\n\n" + collection.purpose + "\n\n" + sum + " " + claim_text() +
                            "\n" + tables + "\n## Cost\n\n" + to_markdown(costs);
   write_file_atomically(out / "verdicts.md", text);
@@ -385,7 +385,7 @@ std::string write_verdicts(const Collection& collection, const std::vector<Colle
                         eval::page_begin(collection.title) + "<p>" + html_escaped(collection.purpose + " " + sum) +
                             "</p>\n<p class=\"hint\">" + html_escaped(claim_text()) + "</p>\n" + pages +
                             "<h2>Cost</h2>\n<div class=\"wide\">" + to_html(costs) + "</div>\n" + eval::page_end());
-  write_config(out / "verdicts.json", {{"title", collection.title}, {"experiments", json}});
+  write_config(out / "verdicts.json", {{"title", collection.title}, {"scale", scale}, {"experiments", json}});
   return text;
 }
 

@@ -30,8 +30,8 @@ struct CollectedClaims {
 };
 
 /// Writes verdicts.md, verdicts.html and verdicts.json: the claims of all experiments, with counts of verdicts.
-/// @return the text of verdicts.md
+/// @param scale that they ran at; empty: as their files have it @return the text of verdicts.md
 std::string write_verdicts(const Collection& collection, const std::vector<CollectedClaims>& experiments,
-                           const std::filesystem::path& out);
+                           const std::string& scale, const std::filesystem::path& out);
 
 }  // namespace anigen::experiment

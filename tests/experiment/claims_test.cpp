@@ -82,6 +82,8 @@ TEST_F(ExperimentClaims, AreJudgedByAssetsAndSeeds) {
   scores(made, 2, 0.5);
   results = judge_claims(read, made, place_.out);
   EXPECT_EQ(results[0].verdict, Verdict::kTooSmall);
+  const Experiment one = experiment(with_claims(claim(kFastOverPlain), ", \"seeds\": [0]"));
+  EXPECT_EQ(judge_claims(one, make_plan(one, place_), place_.out)[0].reason, "one seed");
   const std::string report = read_file(write_report(read, made, place_).replace_extension(".md"));
   for (const char* part : {"## Claims", "Table 9", "0.2500 / 0.5000", "too small to tell", "J2J of fast / plain"})
     EXPECT_NE(report.find(part), std::string::npos) << part;
@@ -89,11 +91,11 @@ TEST_F(ExperimentClaims, AreJudgedByAssetsAndSeeds) {
 }
 
 TEST_F(ExperimentClaims, MayCompareMethodsAndSteps) {
-  const Experiment read = experiment(with_claims(
-      claim(R"("of": {"variant": "fast", "method": "ours"}, "over": {"step": "fit", "file": "scores.csv"})")));
+  const Experiment read = experiment(with_claims(claim(
+      R"("of": {"variant": "fast", "method": "ours"}, "over": {"step": "fit", "file": "scores.csv", "key": "distance"})")));
   const Plan made = make_plan(read, place_);
   run_jobs(place_.out, made, {});
-  std::string text = "id,method,failure,j2j\n";
+  std::string text = "id,method,failure,distance\n";
   for (int i = 0; i < 8; ++i) text += std::to_string(i) + ",fit,,9\n";
   for (const std::size_t run : {0U, 1U}) write_file_atomically(job_of(made, run, "fit").folder / "scores.csv", text);
   const ClaimResult result = judge_claims(read, made, place_.out)[0];
