@@ -200,10 +200,10 @@ void check_ignored(Check& check, bool torch) {
   const std::string matting = "anigen-eval --matting-network runs/matting --dataset d --output o ";
   check.refuses(matting + "--json", {"--json", "--matting-network"});
   check.refuses(matting + "--pred p", {"--pred"});
-  const std::string shapes = "anigen-eval --pred p --dataset d --output o --protocol ";
-  check.refuses(shapes + "unirig --no-icp", {"--no-icp", "--protocol unirig"});
-  check.refuses(shapes + "unirig --metrics skin", {"--metrics", "--protocol unirig"});
-  check.refuses(shapes + "other", {"--protocol", "magicarticulate"});
+  const std::string protocols = "anigen-eval --pred p --dataset d --output o --protocol ";
+  check.refuses(protocols + "unirig --no-icp", {"--no-icp", "--protocol unirig"});
+  check.refuses(protocols + "unirig --metrics skin", {"--metrics", "--protocol unirig"});
+  check.refuses(protocols + "other", {"--protocol", "magicarticulate"});
   check.refuses(matting + "--skin-run r", {"--skin-run"});
   check.refuses("anigen-eval --skin-run r --skin-ae s --dataset d --output o", {"--skin-run", "--skin-ae"});
   check.refuses("anigen-eval --skin-run r --pred p --dataset d --output o", {"--pred", "--skin-run"});
