@@ -53,7 +53,7 @@ SMALLEST = [
     ("anigen-eval", r"articulation_xlv2_test\.npz", "rigs/"),
     ("anigen-eval", r"dance\.glb#Samba", "dance.glb"),
     ("anigen-eval", r"--motion-frames \d+", "--motion-frames 2"),
-    ("anigen-eval", r"(--pred \S+=\S+ --dataset \S+)", r"\1 --surface-samples 100 --rotations 1"),
+    ("anigen-eval", r"(--pred \S+=\S+ --dataset \S+)(?!.*--protocol)", r"\1 --surface-samples 100 --rotations 1"),
     ("anigen-rig", r"body\.obj", "body.ply"),
     ("anigen-rig", r"(--method anymate .*--joint-model \S+)", r"\1 --points 64"),
     ("anigen-experiment", r"run experiments/ablation_adapters\.json(?! --dry-run)", "run smallest.json"),
