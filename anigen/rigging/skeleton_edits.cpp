@@ -133,7 +133,6 @@ class Counterparts {
   }
   /// [J]: itself in the middle, -1 without one
   const std::vector<int>& of() const { return of_; }
-  const std::vector<std::vector<int>>& children() const { return children_; }
 
  private:
   /// Nearest pairs first. The only child of a joint in the middle is there, too: a tail stays one, however bent.
