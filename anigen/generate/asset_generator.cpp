@@ -83,6 +83,7 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   structure_size_ = first.reading().image_size;
   structure_sees_normals_ = sees_normals(request, first);
   structure_decoder_ckpt_ = first.reading().ss_dec_ckpt;
+  const bool structure_alone = first.shape_alone();
   runs_ = {request.structure_flow, request.latent_flow, first.autoencoder()};
   std::vector<std::filesystem::path> asked;
   add_encoder_runs(first.flow(), request.structure_flow, asked);
@@ -91,6 +92,11 @@ AssetGenerator::AssetGenerator(const Request& request) : request_(request) {
   latent_size_ = second.reading().image_size;
   grid_ = second.options().resolution;
   counts_joints_ = second.options().use_joint_num_cond;
+  shape_alone_ = second.options().geometry_only;
+  if (structure_alone && !shape_alone_) {
+    throw InputError(request.structure_flow.string(), "/models/denoiser/args/geometry_only",
+                     "finds no voxels of a skeleton, which the flow " + request.latent_flow.string() + " asks for");
+  }
   latent_decoder_ckpt_ = second.reading().slat_dec_ckpt;
   latent_autoencoder_ = request.latent_autoencoder;
   if (latent_autoencoder_.empty()) {
@@ -142,7 +148,8 @@ RigDecoder& AssetGenerator::decoder() {
     decoder_ = std::make_unique<RigDecoder>(
         nn::find_run_model(latent_autoencoder_, structured_latent::kStructuredLatentDecoderClass, latent_decoder_ckpt_),
         nn::parse_device(request_.device),
-        grouping_of_flow(request_.grouping, request_.latent_flow, latent_autoencoder_));
+        grouping_of_flow(request_.grouping, request_.latent_flow, latent_autoencoder_),
+        shape_alone_ ? RigDecoder::Decodes::kShapes : RigDecoder::Decodes::kRigs);
   }
   return *decoder_;
 }
@@ -197,7 +204,8 @@ void AssetGenerator::sample_latents(const Tensor& picture, const std::string& na
                                     const at::Generator& generator, GeneratedAsset& made) {
   structured_latent::StructuredLatentTarget target;
   target.shape = support_of(made.voxels.shape);
-  target.skeleton = support_of(made.voxels.skeleton);
+  // A flow of the shape alone has no skeleton voxels; it answers zeros wherever it is asked.
+  target.skeleton = shape_alone_ ? target.shape : support_of(made.voxels.skeleton);
   if (target.shape->size() == 0 || target.skeleton->size() == 0) {
     throw Error(name + ": the first flow gave no " + (target.shape->size() == 0 ? "shape" : "skeleton") +
                 " voxels; another seed may");
@@ -234,7 +242,7 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
     sample_latents(latent_picture, name, options, generator, made);
   }
   made.shape_voxels = made.latents.geometry.support->size();
-  made.skeleton_voxels = made.latents.skeleton.support->size();
+  made.skeleton_voxels = shape_alone_ ? 0 : made.latents.skeleton.support->size();
   Stopwatch watch;
   made.decoded = decoder().decode(made.latents, nullptr, name);
   forget_unless_kept();

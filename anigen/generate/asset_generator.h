@@ -92,6 +92,8 @@ class AssetGenerator {
 
   int structure_size() const { return structure_size_; }  ///< pixels of the picture that the first flow sees
   int latent_size() const { return latent_size_; }
+  /// The flows make the shape alone (`geometry_only`): an asset is a mesh that one joint holds, without votes.
+  bool shape_alone() const { return shape_alone_; }
   bool structure_sees_normals() const { return structure_sees_normals_; }
   /// The run folders that are used: both flows, both auto-encoders, then picture estimators of their image encoders.
   const std::vector<std::filesystem::path>& runs() const { return runs_; }
@@ -132,7 +134,7 @@ class AssetGenerator {
   std::vector<std::filesystem::path> runs_;
   std::string structure_decoder_ckpt_, latent_decoder_ckpt_;
   int structure_size_ = 0, latent_size_ = 0;
-  bool structure_sees_normals_ = false, counts_joints_ = false;
+  bool structure_sees_normals_ = false, counts_joints_ = false, shape_alone_ = false;
   std::int64_t grid_ = 0;
 };
 

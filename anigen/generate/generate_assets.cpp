@@ -212,7 +212,7 @@ class Generation {
     io::write_png(report.folder / "preview.png", preview(second.picture, made, finished.asset));
     if (request_.intermediate) {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
-      write_votes(report.folder / "votes.glb", made.decoded.votes);
+      if (!generator_.shape_alone()) write_votes(report.folder / "votes.glb", made.decoded.votes);
       io::write_png(report.folder / "voxels.png", sparse_structure::voxel_picture(made.voxels, 512));
       write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
                               request_.models.structure_flow);

@@ -270,20 +270,29 @@ std::vector<sparse_structure::VoxelPair> StructureGenerator::decode(const flow::
   for (std::int64_t i = 0; i < latents[0].size(0); ++i) {  // one by one: a batch of 64³ volumes is large
     const auto logits = this->logits(latents, i);
     const auto occupied = [](const Tensor& grid) { return (grid[0][0] > 0).to(torch::kCPU).contiguous(); };
-    decoded.push_back({occupied(logits.shape), sparse_structure::largest_component(occupied(logits.skeleton))});
+    const Tensor skeleton = occupied(logits.skeleton);
+    decoded.push_back({occupied(logits.shape),
+                       shape_alone() ? torch::zeros_like(skeleton) : sparse_structure::largest_component(skeleton)});
   }
   return decoded;
 }
 
 RigDecoder::RigDecoder(const nn::RunModel& found, torch::Device device,
-                       const skeleton_field::MeanShiftOptions& grouping)
-    : variant_(structured_latent::variant_of_run(found)),
+                       const skeleton_field::MeanShiftOptions& grouping, Decodes decodes)
+    : decodes_(decodes),
+      variant_(structured_latent::variant_of_run(found)),
       grouping_(structured_latent::grouping_of_run(grouping, found.config.parent_path())),
-      decoder_(structured_latent::load_rig_decoder(found, device, grouping)) {}
+      decoder_(decodes == Decodes::kShapes ? nn::load_trained<structured_latent::StructuredLatentDecoder>(found, device)
+                                           : structured_latent::load_rig_decoder(found, device, grouping)) {}
 
 RigDecoder::Decoded RigDecoder::decode(const structured_latent::PerStream<sparse::SparseTensor>& latents,
                                        const skeleton_field::SkeletonTensors* given, const std::string& name) {
   const torch::NoGradGuard no_grad;
+  if (decodes_ == Decodes::kShapes) {
+    Decoded shape;
+    shape.asset = decoded_shape(decoder_->decode_shapes(latents.geometry).front(), name);
+    return shape;
+  }
   std::vector<skeleton_field::SkeletonTensors> skeletons;
   if (given != nullptr) skeletons.push_back(*given);
   const auto decoded = decoder_->forward(latents, skeletons);
@@ -317,9 +326,9 @@ StructuredLatentCoder::StructuredLatentCoder(const fs::path& run, const std::str
   variant_ = structured_latent::variant_of_run(decoder);
   if (variant_.latent_norm == structured_latent::LatentNorm::kNone) found_.args["normalize_z"] = false;
   encoder_ = nn::load_trained<structured_latent::StructuredLatentEncoder>(found_, device);
-  if (decodes && shape_alone())
-    shape_decoder_ = nn::load_trained<structured_latent::StructuredLatentDecoder>(decoder, device);
-  if (decodes && !shape_alone()) decoder_.emplace(decoder, device, *decodes);
+  if (decodes)
+    decoder_.emplace(decoder, device, *decodes,
+                     shape_alone() ? RigDecoder::Decodes::kShapes : RigDecoder::Decodes::kRigs);
 }
 
 std::string StructuredLatentCoder::fingerprint() const {
@@ -411,13 +420,7 @@ structured_latent::PerStream<SparseTensor> StructuredLatentCoder::encode(const I
 RigDecoder::Decoded StructuredLatentCoder::decode(const structured_latent::PerStream<SparseTensor>& latents,
                                                   const skeleton_field::SkeletonTensors& own, bool use_own,
                                                   const std::string& name) {
-  if (decoder_) return decoder_->decode(latents, use_own ? &own : nullptr, name);
-  const torch::NoGradGuard no_grad;
-  // The untrained votes are not grouped: they mean nothing, and may be too many joints for the memory.
-  const auto decoded = shape_decoder_->forward(latents, {own});
-  RigDecoder::Decoded shape;
-  shape.asset = decoded_shape(shape_decoder_->extract_meshes(decoded, /*training=*/false).front(), name);
-  return shape;
+  return decoder_->decode(latents, use_own ? &own : nullptr, name);
 }
 
 void StructuredLatentCoder::write(const structured_latent::PerStream<SparseTensor>& latents, const fs::path& file,

@@ -165,6 +165,7 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   explicit StructureGenerator(const Request& request);
 
   const std::filesystem::path& autoencoder() const { return autoencoder_; }
+  bool shape_alone() const { return options().geometry_only; }  ///< decode() then finds no skeleton
   /// True where it trained on given shapes alone: it then finds the skeleton of a shape.
   bool finds_skeletons() const { return training_.p_given_shape == 1.0; }
   /// Latent of a shape's voxels by the auto-encoder, as the dataset normalises it. @param voxels bool [R, R, R]
@@ -196,15 +197,20 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
 /// docs/reference/autoencoders.md, 4.5, 4.6, 4.7 and 4.8), grouped as its run's variant groups.
 class RigDecoder {
  public:
+  /// Extent of what is decoded: with kShapes meshes alone, held by one joint, from the geometry's latents.
+  enum class Decodes { kRigs, kShapes };
+
   /// @param grouping of votes by mean shift
-  /// @throws InputError when arguments or weights do not fit, or the run trained the shape alone
-  RigDecoder(const nn::RunModel& found, torch::Device device, const skeleton_field::MeanShiftOptions& grouping);
+  /// @throws InputError when arguments or weights do not fit, or rigs are asked of a run that trained the shape alone
+  RigDecoder(const nn::RunModel& found, torch::Device device, const skeleton_field::MeanShiftOptions& grouping,
+             Decodes decodes = Decodes::kRigs);
 
   const structured_latent::StructuredLatentDecoderOptions& options() const { return decoder_->options(); }
 
   struct Decoded {
     Asset asset;
-    skeleton_field::SkeletonField votes;  ///< of the skeleton voxels, with the confidence that grouping took
+    skeleton_field::SkeletonField
+        votes;  ///< of the skeleton voxels, with the confidence that grouping took; kShapes: none
   };
   /// @param latents a batch of one, as the encoder writes them: not normalised
   /// @param given skeleton to decode weights for instead of the grouped one; may be null
@@ -217,6 +223,7 @@ class RigDecoder {
   skeleton_field::SkeletonTensors grouped(const skeleton_field::SkeletonField& votes) const;
 
  private:
+  Decodes decodes_;
   structured_latent::StructuredLatentVariant variant_;
   skeleton_field::MeanShiftOptions grouping_;
   structured_latent::StructuredLatentDecoder decoder_ = nullptr;
@@ -279,8 +286,7 @@ class StructuredLatentCoder {
   data::FeatureSkeletonOptions data_;
   structured_latent::StructuredLatentVariant variant_;
   structured_latent::StructuredLatentEncoder encoder_ = nullptr;
-  std::optional<RigDecoder> decoder_;                                   ///< of a run with rigs
-  structured_latent::StructuredLatentDecoder shape_decoder_ = nullptr;  ///< of one without
+  std::optional<RigDecoder> decoder_;
 };
 
 /// A trained structured-latent flow: pictures and the voxels of a shape and its skeleton become structured latents

@@ -75,7 +75,8 @@ Tensor velocity_of_prediction(const Tensor& x_t, const Tensor& x_0, const Tensor
 
 nn::FreezableModel::Parts structure_flow_parts(const SparseStructureFlowOptions& options) {
   nn::FreezableModel::Parts parts;
-  parts.torso = {"blocks", "blocks_skl"};  // and the exchange, which register_exchange() adds
+  parts.torso = {"blocks"};  // and the exchange, which register_exchange() adds
+  if (!options.geometry_only) parts.torso.push_back("blocks_skl");
   parts.use_fp16 = options.use_fp16;
   parts.to_freeze = options.modules_to_freeze;
   return parts;
@@ -120,6 +121,7 @@ void SparseStructureFlowOptions::fields(ConfigFields& f) {
   f("global_token_num_skl", global_token_num_skl, {1, kMaxFlowTokens});
   f("cross_adapter_every", cross_adapter_every, {1, kMaxFlowBlocks});
   f("skl_cross_from_ss", skl_cross_from_ss);
+  if (!f.writes() || geometry_only) f("geometry_only", geometry_only);
 }
 
 void SparseStructureFlowOptions::validate(const std::string& file, const std::string& pointer) const {
@@ -219,7 +221,7 @@ SparseStructureFlowImpl::SparseStructureFlowImpl(const SparseStructureFlowOption
   describe_streams();
   register_streams();
   torso_weight_ = shape_.blocks.front()->named_parameters()["mlp.mlp.0.weight"];
-  if (init == nn::Init::kPublished) initialize_flow(*this, shape_, skeleton_);
+  if (init == nn::Init::kPublished) initialize_flow(*this, streams());
   if (options.freezes_shape_stream()) apply_freezing();
 }
 
@@ -243,31 +245,42 @@ void SparseStructureFlowImpl::describe_streams() {
   }
 }
 
+std::vector<FlowStream*> SparseStructureFlowImpl::streams() {
+  if (options_.geometry_only) return {&shape_};
+  return {&shape_, &skeleton_};
+}
+
+// Part by part over the streams: a checkpoint lists, and a seed draws, modules in this order.
 void SparseStructureFlowImpl::register_streams() {
   FlowStream &ss = shape_, &skl = skeleton_;
-  ss.pos_emb = register_buffer("pos_emb", position_table(ss));
-  skl.pos_emb = register_buffer("pos_emb_skl", position_table(skl));
-  ss.t_embedder = register_module("t_embedder", nn::TimestepEmbedder(ss.channels));
-  skl.t_embedder = register_module("t_embedder_skl", nn::TimestepEmbedder(skl.channels));
+  const auto key = [this](const char* part, const FlowStream* stream) {
+    return std::string(part) + (stream == &skeleton_ ? "_skl" : "");
+  };
+  const auto input_values = [](const FlowStream* stream) {
+    return stream->in_channels * stream->patch * stream->patch * stream->patch;
+  };
+  const auto output_values = [](const FlowStream* stream) {
+    return stream->out_channels * stream->patch * stream->patch * stream->patch;
+  };
+  for (FlowStream* s : streams()) s->pos_emb = register_buffer(key("pos_emb", s), position_table(*s));
+  for (FlowStream* s : streams())
+    s->t_embedder = register_module(key("t_embedder", s), nn::TimestepEmbedder(s->channels));
   if (options_.share_mod) {
-    ss.shared_modulation = register_module("adaLN_modulation", nn::Modulation(ss.channels));
-    skl.shared_modulation = register_module("adaLN_modulation_skl", nn::Modulation(skl.channels));
+    for (FlowStream* s : streams())
+      s->shared_modulation = register_module(key("adaLN_modulation", s), nn::Modulation(s->channels));
   }
-  const auto values_per_token = [](const FlowStream& stream) { return stream.patch * stream.patch * stream.patch; };
-  ss.input_layer = register_module("input_layer", nn::Linear(ss.in_channels * values_per_token(ss), ss.channels));
-  skl.input_layer =
-      register_module("input_layer_skl", nn::Linear(skl.in_channels * values_per_token(skl), skl.channels));
+  for (FlowStream* s : streams())
+    s->input_layer = register_module(key("input_layer", s), nn::Linear(input_values(s), s->channels));
 
-  const bool from_ss = options_.skl_cross_from_ss;
+  const bool from_ss = options_.skl_cross_from_ss, both = !options_.geometry_only;
   ss.blocks = flow_blocks(options_, ss, options_.cond_channels, options_.use_lora_ss, false);
-  skl.blocks = flow_blocks(options_, skl, from_ss ? ss.channels : options_.cond_channels, false, from_ss);
-  register_module("blocks", nn::module_list(ss.blocks));
-  register_module("blocks_skl", nn::module_list(skl.blocks));
-  if (options_.adapter_ss_to_skl) register_exchange("ss_to_skl", ss, skl);
-  if (options_.adapter_skl_to_ss) register_exchange("skl_to_ss", skl, ss);
+  if (both) skl.blocks = flow_blocks(options_, skl, from_ss ? ss.channels : options_.cond_channels, false, from_ss);
+  for (FlowStream* s : streams()) register_module(key("blocks", s), nn::module_list(s->blocks));
+  if (both && options_.adapter_ss_to_skl) register_exchange("ss_to_skl", ss, skl);
+  if (both && options_.adapter_skl_to_ss) register_exchange("skl_to_ss", skl, ss);
 
-  ss.out_layer = register_module("out_layer", nn::Linear(ss.channels, ss.out_channels * values_per_token(ss)));
-  skl.out_layer = register_module("out_layer_skl", nn::Linear(skl.channels, skl.out_channels * values_per_token(skl)));
+  for (FlowStream* s : streams())
+    s->out_layer = register_module(key("out_layer", s), nn::Linear(s->channels, output_values(s)));
 }
 
 void SparseStructureFlowImpl::register_exchange(const std::string& direction, const FlowStream& from, FlowStream& to) {
@@ -302,6 +315,13 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   check_inputs(x, x_skl, t, cond);
   const torch::Dtype dtype = compute_dtype();
   const Tensor context = nn::context_of(this, cond, [&] { return cond.expand({x.size(0), -1, -1}).to(dtype); });
+  if (options_.geometry_only) {
+    const Tensor m = shape_.modulation_of(t).to(dtype);
+    Tensor h = shape_.embed_tokens(x).to(dtype);
+    for (const nn::ModulatedCrossBlock& block : shape_.blocks) h = shape_.run_block(block, h, m, context);
+    const Tensor found = shape_.project(h.to(nn::dtype_of(x)));
+    return {options_.predict_x0 ? velocity_of_prediction(x, found, t, options_) : found, torch::zeros_like(x_skl)};
+  }
   const Tensor m = shape_.modulation_of(t).to(dtype), m_skl = skeleton_.modulation_of(t).to(dtype);
   Tensor h = shape_.embed_tokens(x).to(dtype), h_skl = skeleton_.embed_tokens(x_skl).to(dtype);
   std::int64_t crossings = 0;
@@ -321,10 +341,10 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   return velocity;
 }
 
-void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& skeleton) {
+void initialize_flow(torch::nn::Module& model, const std::vector<FlowStream*>& streams) {
   nn::xavier_uniform_linears(model);
   nn::default_norms(model);
-  for (FlowStream* stream : {&shape, &skeleton}) {
+  for (FlowStream* stream : streams) {
     nn::initialize_modulated_stream(*stream);
     for (const nn::Linear& adapter : stream->adapters) nn::zero_parameters(*adapter.ptr());
     for (const nn::Linear& output : stream->cross_outputs) nn::zero_parameters(*output.ptr());

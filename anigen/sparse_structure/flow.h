@@ -46,6 +46,9 @@ struct SparseStructureFlowOptions : JsonOptions<SparseStructureFlowOptions> {
   std::int64_t cross_adapter_every = 4;  ///< with a global stream: exchange by cross attention every so many blocks
   bool skl_cross_from_ss = false;        ///< skeleton blocks attend to the shape stream instead of the condition
 
+  /// Ours: the shape stream alone, without skeleton stream and exchange (TRELLIS' first flow, TRELLIS* of Table 2).
+  bool geometry_only = false;
+
   void fields(ConfigFields& f);
   /// @throws NotSupportedError for pe_mode "rope"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
@@ -114,7 +117,8 @@ class SparseStructureFlowImpl : public nn::FlowModel {
   /// @param x_skl likewise with the skeleton's widths
   /// @param t [B] times multiplied by 1000
   /// @param cond [B or 1, M, cond_channels] condition tokens, for instance 1374 of DINOv2
-  /// @return velocities of the dtype of x and x_skl @throws InputError on wrong shapes
+  /// @return velocities of the dtype of x and x_skl, with geometry_only zeros for x_skl @throws InputError on wrong
+  /// shapes
   Velocity forward(const torch::Tensor& x, const torch::Tensor& x_skl, const torch::Tensor& t,
                    const torch::Tensor& cond);
 
@@ -126,6 +130,7 @@ class SparseStructureFlowImpl : public nn::FlowModel {
 
  private:
   void describe_streams();
+  std::vector<FlowStream*> streams();
   void register_streams();
   void register_exchange(const std::string& direction, const FlowStream& from, FlowStream& to);
   void check_inputs(const torch::Tensor& x, const torch::Tensor& x_skl, const torch::Tensor& t,
@@ -138,8 +143,8 @@ TORCH_MODULE(SparseStructureFlow);
 
 /// The published initial values of a sparse-structure flow (docs/reference/flows.md, 1.6 and 1.5). Modulation, adapters
 /// and last layers are zero: a fresh model answers zero, and both streams ignore each other.
-/// @param model the module that owns both streams
-void initialize_flow(torch::nn::Module& model, FlowStream& shape, FlowStream& skeleton);
+/// @param model the module that owns the streams
+void initialize_flow(torch::nn::Module& model, const std::vector<FlowStream*>& streams);
 
 /// Arguments of the trainers of stage 4 beside those all trainers share: those of both flows. Samples are guided with
 /// strength 7.5 by default.

@@ -114,6 +114,19 @@ void check_given(const std::vector<skeleton_field::SkeletonTensors>& given, std:
   for (std::size_t i = 0; i < given.size(); ++i) check_skeleton(given[i], "skeleton " + std::to_string(i));
 }
 
+// The mesh of each asset. @param fine channels of the mesh field on fine voxels
+std::vector<shape_field::ExtractedMesh> meshes_of(const SparseTensor& fine, const shape_field::MeshFieldOptions& layout,
+                                                  bool training, shape_field::SkinFeatures skin_features) {
+  const nn::Ragged& items = fine.support->items();
+  const std::vector<Tensor> coords = items.split(fine.support->coords().slice(1, 1));
+  // The backward pass of a split is a copy.
+  const std::vector<Tensor> feats = items.items() == 1 ? std::vector<Tensor>{fine.feats} : items.split(fine.feats);
+  std::vector<shape_field::ExtractedMesh> meshes;
+  for (std::size_t i = 0; i < feats.size(); ++i)
+    meshes.push_back(shape_field::extract_mesh(coords[i], feats[i], layout, training, skin_features));
+  return meshes;
+}
+
 }  // namespace
 
 StructuredLatentUpsampler::StructuredLatentUpsampler(torch::nn::Module& model, const char* name, std::int64_t channels,
@@ -273,28 +286,32 @@ void StructuredLatentDecoderImpl::decode_joints(const SparseTensor& h,
   }
 }
 
-SparseTensor StructuredLatentDecoderImpl::decode_surface(const SparseTensor& geometry, const SparseTensor& skin) {
-  const auto head = [](nn::Linear& layer, const SparseTensor& x) {
-    return layer->forward(x.feats.to(nn::dtype_of(layer->weight)));
-  };
-  // One stream after the other: the voxels of the fine grid are the largest tensors there are.
-  const Tensor skin_channels = head(out_layer_skin_, upsample_skin_.forward(skin, recompute_));
+SparseTensor StructuredLatentDecoderImpl::shape_channels(const SparseTensor& geometry) {
   SparseTensor fine = upsample_.forward(geometry, recompute_);
-  fine.feats = torch::cat({head(out_layer_, fine), skin_channels}, 1);
+  fine.feats = out_layer_->forward(fine.feats.to(nn::dtype_of(out_layer_->weight)));
+  return fine;
+}
+
+SparseTensor StructuredLatentDecoderImpl::decode_surface(const SparseTensor& geometry, const SparseTensor& skin) {
+  // One stream after the other: the voxels of the fine grid are the largest tensors there are.
+  const Tensor fine_skin = upsample_skin_.forward(skin, recompute_).feats;
+  const Tensor skin_channels = out_layer_skin_->forward(fine_skin.to(nn::dtype_of(out_layer_skin_->weight)));
+  SparseTensor fine = shape_channels(geometry);
+  fine.feats = torch::cat({fine.feats, skin_channels}, 1);
   return fine;
 }
 
 std::vector<shape_field::ExtractedMesh> StructuredLatentDecoderImpl::extract_meshes(
     const Fields& decoded, bool training, shape_field::SkinFeatures skin_features) {
-  const nn::Ragged& items = decoded.mesh.support->items();
-  const std::vector<Tensor> coords = items.split(decoded.mesh.support->coords().slice(1, 1));
-  // The backward pass of a split is a copy.
-  const std::vector<Tensor> feats =
-      items.items() == 1 ? std::vector<Tensor>{decoded.mesh.feats} : items.split(decoded.mesh.feats);
-  std::vector<shape_field::ExtractedMesh> meshes;
-  for (std::size_t i = 0; i < feats.size(); ++i)
-    meshes.push_back(shape_field::extract_mesh(coords[i], feats[i], mesh_options_, training, skin_features));
-  return meshes;
+  return meshes_of(decoded.mesh, mesh_options_, training, skin_features);
+}
+
+std::vector<shape_field::ExtractedMesh> StructuredLatentDecoderImpl::decode_shapes(const SparseTensor& z) {
+  check_voxel_features(z, options_.latent_channels, options_.resolution, "z");
+  shape_field::MeshFieldOptions bare = mesh_options_;
+  bare.skin_channels = 0;
+  return meshes_of(shape_channels(torso_.forward_geometry(z)), bare, /*training=*/false,
+                   shape_field::SkinFeatures::kWhenAskedFor);
 }
 
 Tensor StructuredLatentDecoderImpl::skin_weights(const Tensor& vertex_features,

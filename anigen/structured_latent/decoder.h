@@ -95,6 +95,11 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
   /// @throws InputError as forward()
   RigFields rig_fields(const PerStream<sparse::SparseTensor>& z);
 
+  /// Meshes of geometry latents alone, one per asset, without skin features: those of forward(), whatever the latents
+  /// of skin and skeleton, at less than half of the work.
+  /// @param z geometry channels on the surface voxels @throws InputError as forward()
+  std::vector<shape_field::ExtractedMesh> decode_shapes(const sparse::SparseTensor& z);
+
   /// Another way to turn votes into a skeleton than grouping_strategy; an empty function: grouping_strategy again.
   void group_with(std::function<skeleton_field::SkeletonTensors(const skeleton_field::SkeletonField&)> grouping);
 
@@ -128,6 +133,8 @@ class StructuredLatentDecoderImpl : public nn::FreezableModel {
   void decode_joints(const sparse::SparseTensor& h, const std::vector<skeleton_field::SkeletonTensors>& given,
                      Fields& decoded);
   sparse::SparseTensor decode_surface(const sparse::SparseTensor& geometry, const sparse::SparseTensor& skin);
+  /// Channels of the mesh field without skin, at the fine voxels.
+  sparse::SparseTensor shape_channels(const sparse::SparseTensor& geometry);
 
   StructuredLatentDecoderOptions options_;
   shape_field::MeshFieldOptions mesh_options_;

@@ -107,6 +107,7 @@ void StructuredLatentFlowOptions::fields(ConfigFields& f) {
   f("freeze_pretrain_branch", freeze_pretrain_branch);
   f("predict_x0", predict_x0);
   f("use_joint_num_cond", use_joint_num_cond);
+  if (!f.writes() || geometry_only) f("geometry_only", geometry_only);
   f("modules_to_freeze", modules_to_freeze);
   f("t_eps", t_eps, {0.0});
   f("t_scale", t_scale, {0.0});
@@ -130,6 +131,7 @@ void StructuredLatentFlowOptions::validate(const std::string& file, const std::s
   check(t_eps > 0.0 && t_scale > 0.0, "t_eps", "t_eps and t_scale must be positive");
   check(joint_num_max > 0 && joint_num_fourier_bands > 0, "joint_num_max",
         "joint_num_max and joint_num_fourier_bands must be positive");
+  check(!geometry_only || !use_joint_num_cond, "geometry_only", "has no joints to be told the number of");
 }
 
 void StructuredLatentFlowStream::register_time(torch::nn::Module& model, const StructuredLatentFlowOptions& options) {
@@ -272,6 +274,11 @@ StructuredLatentFlowImpl::StructuredLatentFlowImpl(const StructuredLatentFlowOpt
   if (options.freezes_geometry()) apply_freezing();
 }
 
+std::vector<StructuredLatentFlowStream*> StructuredLatentFlowImpl::streams() {
+  if (options_.geometry_only) return {&geometry_};
+  return {&geometry_, &skin_, &skeleton_};
+}
+
 void StructuredLatentFlowImpl::register_streams() {
   for (StructuredLatentFlowStream* stream : streams()) stream->register_time(*this, options_);
   if (options_.share_mod) {
@@ -285,11 +292,14 @@ void StructuredLatentFlowImpl::register_streams() {
     }
   }
   geometry_.register_layers(*this, options_, options_.cond_channels);
-  skin_.register_layers(*this, options_, skeleton_.sizes.model_channels);
-  skeleton_.register_layers(*this, options_, skin_.sizes.model_channels);
+  if (!options_.geometry_only) {
+    skin_.register_layers(*this, options_, skeleton_.sizes.model_channels);
+    skeleton_.register_layers(*this, options_, skin_.sizes.model_channels);
+  }
   for (const StructuredLatentFlowStream* stream : streams()) {
     for (const char* part : {"input_blocks", "blocks", "out_blocks"}) parts_.torso.push_back(part + stream->suffix);
   }
+  if (options_.geometry_only) return;
   for (std::int64_t i = 0; i < options_.num_blocks; ++i)
     adapters_.emplace_back(geometry_.sizes.model_channels, skin_.sizes.model_channels);
   register_module("adapter_geo_to_skin", nn::module_list(adapters_));
@@ -313,12 +323,24 @@ void StructuredLatentFlowImpl::check_inputs(const SparseTensor& x, const SparseT
   }
 }
 
+Tensor StructuredLatentFlowImpl::geometry_velocity(const SparseTensor& x, const Tensor& t, const Tensor& context) {
+  StructuredLatentFlowState h =
+      geometry_.enter(x.with(x.feats.narrow(1, 0, geometry_.sizes.in_channels)), t, {}, compute_dtype());
+  for (std::size_t i = 0; i < geometry_.blocks.size(); ++i) h.h = geometry_.run_block(i, h, context);
+  return geometry_.leave(std::move(h)).to(nn::dtype_of(x.feats));
+}
+
 StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, const SparseTensor& x_skl, const Tensor& t,
                                                      const Tensor& cond, const Tensor& joints_num) {
   check_inputs(x, x_skl, t, cond, joints_num);
   const torch::Dtype dtype = compute_dtype();
   const std::int64_t batch = t.size(0), geometry_channels = geometry_.sizes.in_channels;
   const Tensor context = nn::context_of(this, cond, [&] { return cond.expand({batch, -1, -1}).to(dtype); });
+  if (options_.geometry_only) {
+    const Tensor none = torch::zeros({x.feats.size(0), skin_.sizes.in_channels}, x.feats.options());
+    return {x.with(torch::cat({geometry_velocity(x, t, context), none}, 1)),
+            x_skl.with(torch::zeros_like(x_skl.feats))};
+  }
   const Tensor counts = joints_num.defined() ? joints_num.to(t.device()).expand({batch}) : torch::zeros_like(t);
   const SparseTensor x_geo = x.with(x.feats.narrow(1, 0, geometry_channels));
   const SparseTensor x_skin = x.with(x.feats.narrow(1, geometry_channels, skin_.sizes.in_channels));

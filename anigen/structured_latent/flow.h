@@ -62,6 +62,9 @@ struct StructuredLatentFlowOptions : JsonOptions<StructuredLatentFlowOptions> {
   std::int64_t joint_num_max = 60;  ///< more joints count as this many
   std::int64_t joint_num_fourier_bands = 6;
 
+  /// Ours: the geometry stream alone, without skin and skeleton (TRELLIS' second flow, TRELLIS* of Table 2).
+  bool geometry_only = false;
+
   void fields(ConfigFields& f);
   /// @throws NotSupportedError for pe_mode "rope"
   void validate(const std::string& file = "", const std::string& pointer = "") const;
@@ -140,7 +143,7 @@ class StructuredLatentFlowImpl : public nn::FlowModel {
   /// @param joints_num [B] or [1], how many joints each item shall have; 0 and below: the model may choose; undefined:
   /// it may for all
   /// @return velocities of the dtype of x and x_skl, with the channels out_channels + out_channels_vert_skin, and
-  /// out_channels_skl
+  /// out_channels_skl; with geometry_only those of skin and skeleton are 0
   /// @throws InputError on wrong shapes, and for a joints_num that a model without use_joint_num_cond is given
   StructuredVelocity forward(const sparse::SparseTensor& x, const sparse::SparseTensor& x_skl, const torch::Tensor& t,
                              const torch::Tensor& cond, const torch::Tensor& joints_num = {});
@@ -148,8 +151,10 @@ class StructuredLatentFlowImpl : public nn::FlowModel {
   const StructuredLatentFlowOptions& options() const { return options_; }
 
  private:
-  std::vector<StructuredLatentFlowStream*> streams() { return {&geometry_, &skin_, &skeleton_}; }
+  std::vector<StructuredLatentFlowStream*> streams();
   void register_streams();
+  /// Velocity of the geometry stream alone, [N, in_channels]
+  torch::Tensor geometry_velocity(const sparse::SparseTensor& x, const torch::Tensor& t, const torch::Tensor& context);
   void check_inputs(const sparse::SparseTensor& x, const sparse::SparseTensor& x_skl, const torch::Tensor& t,
                     const torch::Tensor& cond, const torch::Tensor& joints_num) const;
 

@@ -79,6 +79,11 @@ std::vector<Block> registered_blocks(torch::nn::Module& model, const char* name,
 
 constexpr double kFieldHeadScale = 1e-4;
 
+template <typename Blocks>
+torch::Dtype torso_type(nn::Linear& input, Blocks& blocks) {
+  return blocks.empty() ? nn::dtype_of(input->weight) : blocks.front()->dtype();
+}
+
 }  // namespace
 
 JointTokensImpl::JointTokensImpl(std::int64_t in_channels, std::int64_t channels) {
@@ -203,13 +208,21 @@ StructuredLatentTorso::StructuredLatentTorso(torch::nn::Module& model, const Str
   skeleton_blocks_ = registered_blocks<sparse::SparseMultiContextBlock>(model, "blocks_skl", options, skeleton);
 }
 
+SparseTensor StructuredLatentTorso::forward_geometry(const SparseTensor& x) {
+  SparseTensor h = entered(input_.geometry, x, torso_type(input_.geometry, blocks_));
+  for (std::size_t i = 0; i < blocks_.size(); ++i) h = run_geometry(i, h);
+  return h;
+}
+
+SparseTensor StructuredLatentTorso::run_geometry(std::size_t i, const SparseTensor& h) const {
+  return run_part(recompute_, h,
+                  [block = blocks_[i]](const SparseTensor& rows) mutable { return block->forward(rows); });
+}
+
 PerStream<SparseTensor> StructuredLatentTorso::forward(const PerStream<SparseTensor>& x) {
-  const auto dtype = [](nn::Linear& input, auto& blocks) {
-    return blocks.empty() ? nn::dtype_of(input->weight) : blocks.front()->dtype();
-  };
-  PerStream<SparseTensor> h{entered(input_.geometry, x.geometry, dtype(input_.geometry, blocks_)),
-                            entered(input_.skin, x.skin, dtype(input_.skin, skin_blocks_)),
-                            entered(input_.skeleton, x.skeleton, dtype(input_.skeleton, skeleton_blocks_))};
+  PerStream<SparseTensor> h{entered(input_.geometry, x.geometry, torso_type(input_.geometry, blocks_)),
+                            entered(input_.skin, x.skin, torso_type(input_.skin, skin_blocks_)),
+                            entered(input_.skeleton, x.skeleton, torso_type(input_.skeleton, skeleton_blocks_))};
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
     const PerStream<SparseTensor> before = h;
     std::vector<SparseTensor> for_skin, for_skeleton;
@@ -219,8 +232,7 @@ PerStream<SparseTensor> StructuredLatentTorso::forward(const PerStream<SparseTen
     }
     if (skin_from_geometry_) for_skin.push_back(before.geometry);
     if (skeleton_from_geometry_) for_skeleton.push_back(before.geometry);
-    h.geometry = run_part(recompute_, before.geometry,
-                          [block = blocks_[i]](const SparseTensor& rows) mutable { return block->forward(rows); });
+    h.geometry = run_geometry(i, before.geometry);
     h.skin = run(skin_blocks_[i], before.skin, for_skin);
     h.skeleton = run(skeleton_blocks_[i], before.skeleton, for_skeleton);
   }

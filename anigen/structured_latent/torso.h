@@ -93,6 +93,8 @@ class StructuredLatentTorso {
   /// @param x inputs; geometry and skin on the same support @return the same supports, torso widths, dtype of the
   /// blocks
   PerStream<sparse::SparseTensor> forward(const PerStream<sparse::SparseTensor>& x);
+  /// The geometry stream alone, which hears nothing of the others.
+  sparse::SparseTensor forward_geometry(const sparse::SparseTensor& x);
 
   /// Blocks keep only their inputs for the backward pass and run again in it (nn::recomputed).
   void recompute_blocks(bool on) { recompute_ = on; }
@@ -102,6 +104,7 @@ class StructuredLatentTorso {
 
  private:
   using CrossBlocks = std::vector<sparse::SparseMultiContextBlock>;
+  sparse::SparseTensor run_geometry(std::size_t i, const sparse::SparseTensor& h) const;
   sparse::SparseTensor run(sparse::SparseMultiContextBlock block, const sparse::SparseTensor& x,
                            const std::vector<sparse::SparseTensor>& contexts) const;
 

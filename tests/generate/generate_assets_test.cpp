@@ -17,6 +17,8 @@
 #include "anigen/generate/picture_input.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/gltf.h"
+#include "anigen/sparse_structure/flow.h"
+#include "anigen/structured_latent/flow.h"
 #include "tests/generate/onnx_files.h"
 #include "tests/generate/red_matting.h"
 #include "tests/generate/small_runs.h"
@@ -89,6 +91,14 @@ class GenerateAssets : public ::testing::Test {
     return generate_assets(request, {picture_}).front();
   }
 
+  std::string one_failure(const std::string& name) {
+    try {
+      return one(name).failure;
+    } catch (const InputError& error) {
+      return error.what();
+    }
+  }
+
   test::TemporaryFolder folder_;
   GenerateRequest request_;
   fs::path picture_;
@@ -109,6 +119,38 @@ TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
   EXPECT_EQ(asset.mesh.uvs.size(), asset.mesh.vertices.size());
   EXPECT_EQ(report.details["joints"], asset.skeleton.size());
   EXPECT_EQ(io::read_gltf(made("a", "skeleton.glb")).asset.skeleton.size(), asset.skeleton.size());
+}
+
+TEST_F(GenerateAssets, FlowsOfTheShapeAloneMakeAMeshThatOneJointHolds) {
+  const auto keep_the_shape = [](const fs::path& run) {
+    Json config = read_json(run / "config.json");
+    Json& args = config["models"]["denoiser"]["args"];
+    args["geometry_only"] = true;
+    if (args.contains("use_joint_num_cond")) args["use_joint_num_cond"] = false;
+    write_file_atomically(run / "config.json", config.dump());
+    for (const auto& file : fs::directory_iterator(run / "ckpts")) {
+      if (file.path().filename().string().rfind("denoiser", 0) == 0) fs::remove(file.path());
+    }
+    torch::manual_seed(1);
+    return args;
+  };
+  const fs::path first = request_.models.structure_flow, second = request_.models.latent_flow;
+  const auto structure = sparse_structure::SparseStructureFlowOptions::from_json(keep_the_shape(first));
+  io::write_safetensors(first / "ckpts/denoiser_final.safetensors",
+                        nn::state_dict(*sparse_structure::SparseStructureFlow(structure)));
+  EXPECT_NE(one_failure("mixed").find("finds no voxels of a skeleton"), std::string::npos);
+  const auto latents = structured_latent::StructuredLatentFlowOptions::from_json(keep_the_shape(second));
+  io::write_safetensors(second / "ckpts/denoiser_final.safetensors",
+                        nn::state_dict(*structured_latent::StructuredLatentFlow(latents)));
+  request_.intermediate = true;
+  const GenerationReport report = one("a");
+  ASSERT_EQ(report.failure, "");
+  const Asset asset = io::read_gltf(made("a", "mesh.glb")).asset;
+  EXPECT_GT(asset.mesh.faces.size(), 100u);
+  EXPECT_EQ(asset.skeleton.size(), 1u);
+  EXPECT_EQ(report.details["joints"], 1);
+  EXPECT_EQ(report.details["voxels"]["skeleton"], 0);
+  EXPECT_FALSE(fs::exists(made("a", "votes.glb")));
 }
 
 TEST_F(GenerateAssets, AnAssetIdlesUnlessItIsToStandStill) {

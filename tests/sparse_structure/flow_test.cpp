@@ -59,6 +59,30 @@ TEST(SparseStructureFlow, GoldenNumbersWithBothAdapters) {
                                               -48.32705, 44.6179});
 }
 
+// The stream that the duet has, too, when nothing comes back from the skeleton.
+TEST(SparseStructureFlow, GeometryAloneIsTheShapeStreamWithoutItsPartner) {
+  SparseStructureFlowOptions options = tiny_flow_options();
+  options.adapter_skl_to_ss = false;
+  SparseStructureFlow duet = filled_flow(options);
+  options.geometry_only = true;
+  EXPECT_EQ(SparseStructureFlowOptions::from_json(options.to_json()).to_json(), options.to_json());
+  EXPECT_FALSE(tiny_flow_options().to_json().contains("geometry_only")) << "published configs stay as they are";
+  SparseStructureFlow alone(options, nn::Init::kNone);
+  const auto all = duet->named_parameters();
+  const torch::NoGradGuard no_grad;
+  for (auto& parameter : alone->named_parameters()) {
+    EXPECT_EQ(parameter.key().find("_skl"), std::string::npos) << parameter.key();
+    parameter.value().copy_(all[parameter.key()]);
+  }
+  const Velocity both = run_flow(duet), one = run_flow(alone);
+  EXPECT_TRUE(torch::equal(one.shape, both.shape));
+  EXPECT_EQ(one.skeleton.abs().max().item<double>(), 0.0);
+  EXPECT_EQ(one.skeleton.sizes(), both.skeleton.sizes());
+  options.predict_x0 = true;
+  SparseStructureFlow predicting(options, nn::Init::kPublished);
+  EXPECT_EQ(run_flow(predicting).shape.sizes(), both.shape.sizes());
+}
+
 TEST(SparseStructureFlow, GoldenNumbersWithLora) {
   SparseStructureFlowOptions options = tiny_flow_options();
   options.use_lora_ss = true;

@@ -57,6 +57,27 @@ TEST(StructuredLatentDecoder, FieldsOnTheirSupports) {
   EXPECT_EQ(decoder->extract_meshes(decoded, false).size(), 2u);
 }
 
+TEST(StructuredLatentDecoder, ShapesAloneAreThoseOfWholeRigs) {
+  torch::manual_seed(6);
+  StructuredLatentDecoder decoder = test::small_slat_decoder(test::small_slat_decoder_json());
+  const LatentBatch batch = latent_batch();
+  const torch::NoGradGuard no_grad;
+  for (auto& parameter : decoder->named_parameters())
+    parameter.value().add_(torch::randn_like(parameter.value()) * 0.05);
+  const auto whole = decoder->extract_meshes(decoder->forward(batch.z, batch.z_skl, batch.skeletons), false);
+  const auto alone =
+      decoder->decode_shapes(batch.z.with(batch.z.feats.slice(1, 0, decoder->options().latent_channels)));
+  ASSERT_EQ(alone.size(), whole.size());
+  for (std::size_t i = 0; i < whole.size(); ++i) {
+    ASSERT_TRUE(whole[i].success && alone[i].success);
+    EXPECT_TRUE(torch::equal(alone[i].faces, whole[i].faces));
+    EXPECT_TRUE(torch::equal(alone[i].vertices, whole[i].vertices));
+    EXPECT_TRUE(torch::equal(alone[i].attributes, whole[i].attributes));
+    EXPECT_FALSE(alone[i].skin_features.defined());
+  }
+  EXPECT_THROW(decoder->decode_shapes(batch.z), InputError) << "geometry channels alone";
+}
+
 // Offsets from voxels to their nearest joint and to its parent, as a perfect decoder would give them.
 TEST(StructuredLatentDecoder, VotesInvertTheField) {
   torch::manual_seed(10);

@@ -429,6 +429,34 @@ TEST(StructuredLatentFlow, RefusesInputsOfAnotherShape) {
   EXPECT_THROW(run_slat_flow(filled_slat_flow(tiny_slat_flow_options({{"use_joint_num_cond", false}}))), InputError);
 }
 
+// Nothing flows into the geometry, so that it is the same without the others.
+TEST(StructuredLatentFlow, GeometryAloneIsTheGeometryOfAllStreams) {
+  const Json without_counts = {{"use_joint_num_cond", false}};
+  StructuredLatentFlow all = test::filled_slat_flow(test::tiny_slat_flow_options(without_counts));
+  Json changes = without_counts;
+  changes["geometry_only"] = true;
+  const StructuredLatentFlowOptions options = test::tiny_slat_flow_options(changes);
+  EXPECT_EQ(StructuredLatentFlowOptions::from_json(options.to_json()).to_json(), options.to_json());
+  EXPECT_FALSE(test::tiny_slat_flow_options().to_json().contains("geometry_only"));
+  EXPECT_NE(slat_flow_option_message({{"geometry_only", true}, {"use_joint_num_cond", true}}).find("geometry_only"),
+            std::string::npos);
+  StructuredLatentFlow alone(options, nn::Init::kPublished);
+  const auto weights = all->named_parameters();
+  const torch::NoGradGuard no_grad;
+  for (auto& parameter : alone->named_parameters()) {
+    EXPECT_EQ(parameter.key().find("_sk"), std::string::npos) << parameter.key();
+    parameter.value().copy_(weights[parameter.key()]);
+  }
+  test::SlatFlowInputs inputs;
+  inputs.joints_num = Tensor();
+  const StructuredVelocity both = test::run_slat_flow(all, inputs), one = test::run_slat_flow(alone, inputs);
+  const std::int64_t geometry = options.geometry.out_channels;
+  EXPECT_TRUE(torch::equal(one.x.feats.slice(1, 0, geometry), both.x.feats.slice(1, 0, geometry)));
+  EXPECT_EQ(one.x.feats.sizes(), both.x.feats.sizes());
+  EXPECT_EQ(one.x.feats.slice(1, geometry).abs().max().item<double>(), 0.0);
+  EXPECT_EQ(one.x_skl.feats.abs().max().item<double>(), 0.0);
+}
+
 }  // namespace
 
 }  // namespace anigen::structured_latent

@@ -82,6 +82,7 @@ class SparseStructureFlowStage final
     const auto found = decoded(rows(predicted[0]), rows(predicted[1]));
     Tensor shape = dice_loss(found.shape, own.shape);
     if (given.defined()) shape = shape.masked_fill(rows(nn::to_device(given, parts_.device)), 0.0);
+    if (shape_alone()) return shape.sum() / static_cast<double>(t.size(0));
     return (shape + dice_loss(found.skeleton, own.skeleton)).sum() / static_cast<double>(t.size(0));
   }
 
@@ -101,8 +102,12 @@ class SparseStructureFlowStage final
     Tensor given;  // drawn last, so that the other draws are those of a run without
     if (options_.p_given_shape > 0.0) given = flow::draw_condition_dropout(items, options_.p_given_shape, generator);
     const ItemErrors found = errors(latents, t, noise, condition, given);
-    const Tensor mse = found.shape.mean(), mse_skl = found.skeleton.mean();
-    Losses losses{mse + mse_skl, {{"mse", mse}, {"mse_skl", mse_skl}}};
+    const Tensor mse = found.shape.mean();
+    Losses losses{mse, {{"mse", mse}}};
+    if (!shape_alone()) {
+      const Tensor mse_skl = found.skeleton.mean();
+      losses = {mse + mse_skl, {{"mse", mse}, {"mse_skl", mse_skl}}};
+    }
     if (options_.lambda_dice > 0.0 && context.step >= options_.dice_from_step) {
       const Tensor dice = late_dice(latents, t, found.predicted, given);
       if (dice.defined()) {
@@ -112,9 +117,11 @@ class SparseStructureFlowStage final
     }
     const Tensor times = t.to(found.shape.device());
     add_time_bins(losses, "mse", found.shape, times);
-    add_time_bins(losses, "mse_skl", found.skeleton, times);
+    if (!shape_alone()) add_time_bins(losses, "mse_skl", found.skeleton, times);
     return losses;
   }
+
+  bool shape_alone() const { return parts_.model->options().geometry_only; }
 
   // Held-out shapes are given where all of the training's are.
   Tensor all_given(std::int64_t items) const {
@@ -122,6 +129,7 @@ class SparseStructureFlowStage final
   }
 
   double judge(const StructureLatentBatch& read, const Tensor& condition, std::uint64_t index, Values& sums) override {
+    if (sums.empty() && shape_alone()) sums = {{"mse", 0.0}};
     if (sums.empty()) sums = {{"mse", 0.0}, {"mse_skl", 0.0}};
     const Tensor t = options_.eval_grid();
     StructureLatentBatch latents = read;  // once per time
@@ -130,7 +138,7 @@ class SparseStructureFlowStage final
     const flow::Streams noise = noise_like(latents, nn::numbered_generator(options_.seed, "held-out flow", index));
     const ItemErrors found = errors(latents, t, noise, condition, all_given(t.size(0)));
     sums[0].second += found.shape.mean().item<double>();
-    sums[1].second += found.skeleton.mean().item<double>();
+    if (!shape_alone()) sums[1].second += found.skeleton.mean().item<double>();
     return 1.0;
   }
 
@@ -178,6 +186,10 @@ std::unique_ptr<Stage> make_sparse_structure_flow_stage(const StageRequest& requ
   auto [options, parts] =
       flow_parts<SparseStructureFlowStage, sparse_structure::SparseStructureFlowStageOptions,
                  sparse_structure::SparseStructureFlowOptions, data::StructureLatentDataset>(request, names);
+  if (options.p_given_shape > 0.0 && parts.model->options().geometry_only) {
+    throw InputError(request.file, "/trainer/args/p_given_shape",
+                     "with geometry_only there is no skeleton to find for a given shape");
+  }
   const data::StructureLatentOptions& reading = parts.data->options();
   if (const auto decoder =
           samples_decoder(reading.ss_dec_path, reading.ss_dec_ckpt, sparse_structure::kSparseStructureDecoderClass,

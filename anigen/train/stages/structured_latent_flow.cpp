@@ -100,12 +100,27 @@ DecodedPair decoded_pair(structured_latent::StructuredLatentDecoder& decoder,
   return pair;
 }
 
+// The shape alone, in its colours; without weights.
+DecodedPair decoded_shape(structured_latent::StructuredLatentDecoder& decoder, const SparseTensor& geometry) {
+  DecodedPair pair;
+  const shape_field::ExtractedMesh mesh = decoder->decode_shapes(geometry).front();
+  if (!mesh.success) {
+    pair.problem = "no surface";
+    return pair;
+  }
+  Asset asset;
+  asset.mesh = mesh_of(mesh.vertices, mesh.faces);
+  set_vertex_colors(asset.mesh, mesh.attributes);
+  pair.skeleton = picture_with_skeleton(asset, {torch::zeros({0, 3}), torch::zeros({0}, torch::kInt64)});
+  return pair;
+}
+
 // An early sample may be no latent at all; the training goes on.
 DecodedPair decoded_or_problem(structured_latent::StructuredLatentDecoder& decoder,
-                               const structured_latent::PerStream<sparse::SparseTensor>& latents,
+                               const structured_latent::PerStream<sparse::SparseTensor>& latents, bool shape_alone,
                                const std::string& name) {
   try {
-    return decoded_pair(decoder, latents);
+    return shape_alone ? decoded_shape(decoder, latents.geometry) : decoded_pair(decoder, latents);
   } catch (const InputError& error) {
     log::warn("{}: {}", name, error.what());
     DecodedPair nothing;
@@ -233,6 +248,7 @@ class StructuredLatentFlowStage final
   Tensor skin_channels(const Tensor& shape) const {
     return shape.slice(1, parts_.model->options().geometry.in_channels);
   }
+  bool shape_alone() const { return parts_.model->options().geometry_only; }
   flow::Streams noise_on(const Latents& latents, const at::Generator& generator) const {
     return structured_latent::structured_latent_noise(parts_.model->options(), *latents.shape.support,
                                                       *latents.skeleton.support, options_.smoothing, generator);
@@ -253,6 +269,15 @@ class StructuredLatentFlowStage final
       latents.joints_num = flow::replace_condition(latents.joints_num, dropped);
     }
     const Errors found = errors(latents, t, {noise, noise_skl}, condition);
+    const auto per_item = [&](const Tensor& rows, const SparseTensor& voxels) {
+      return flow::mean_per_item(rows.detach(), item_of_rows(voxels), items);
+    };
+    if (shape_alone()) {
+      const Tensor geometry = geometry_channels(found.shape), mse_geo = geometry.mean();
+      Losses losses{mse_geo, {{"mse_geo", mse_geo}}};
+      add_time_bins(losses, "mse_geo", per_item(geometry, latents.shape), t);
+      return losses;
+    }
     const Tensor mse = found.shape.mean(), mse_skl = found.skeleton.mean();
     Losses losses{mse + mse_skl,
                   {{"mse", mse},
@@ -267,9 +292,6 @@ class StructuredLatentFlowStage final
         losses.terms.emplace_back("rig_features", rig.features);
       }
     }
-    const auto per_item = [&](const Tensor& rows, const SparseTensor& voxels) {
-      return flow::mean_per_item(rows.detach(), item_of_rows(voxels), items);
-    };
     add_time_bins(losses, "mse", per_item(found.shape, latents.shape), t);
     add_time_bins(losses, "mse_skl", per_item(found.skeleton, latents.skeleton), t);
     return losses;
@@ -277,6 +299,7 @@ class StructuredLatentFlowStage final
 
   double judge(const StructuredLatentBatch& given, const Tensor& condition, std::uint64_t index,
                Values& sums) override {
+    if (sums.empty() && shape_alone()) sums = {{"mse_geo", 0.0}};
     if (sums.empty()) sums = {{"mse", 0.0}, {"mse_geo", 0.0}, {"mse_skin", 0.0}, {"mse_skl", 0.0}};
     const Latents latents = latents_of(given);
     const Tensor grid = options_.eval_grid();
@@ -284,7 +307,9 @@ class StructuredLatentFlowStage final
     // Time by time: what was worked out about the voxels serves all of them.
     for (const Tensor& t : grid.split(1)) {
       const Errors found = errors(latents, t, noise_on(latents, generator), condition);
-      const Tensor means[] = {found.shape, geometry_channels(found.shape), skin_channels(found.shape), found.skeleton};
+      const Tensor geometry = geometry_channels(found.shape);
+      std::vector<Tensor> means{geometry};
+      if (!shape_alone()) means = {found.shape, geometry, skin_channels(found.shape), found.skeleton};
       for (std::size_t k = 0; k < sums.size(); ++k) sums[k].second += means[k].mean().item<double>();
     }
     return static_cast<double>(grid.size(0));
@@ -306,7 +331,7 @@ class StructuredLatentFlowStage final
     const std::string name = short_id(given.ids.front());
     const Latents latents = latents_of(given);
     const auto decoded = [&](const Tensor& x, const Tensor& x_skl) {
-      return decoded_or_problem(parts_.decoder, decodable(latents, x, x_skl), name);
+      return decoded_or_problem(parts_.decoder, decodable(latents, x, x_skl), shape_alone(), name);
     };
     const flow::Streams drawn = drawn_sample(latents, condition, index);
     std::vector<render::Tile>& tiles = rows.emplace_back();
@@ -342,6 +367,12 @@ std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& req
       flow_parts<StructuredLatentFlowStage, structured_latent::StructuredLatentFlowStageOptions,
                  structured_latent::StructuredLatentFlowOptions, data::StructuredLatentDataset>(request, names);
   const structured_latent::StructuredLatentFlowOptions& model = parts.model->options();
+  for (const auto& [key, weight] : {std::pair("lambda_votes", options.lambda_votes),
+                                    std::pair("lambda_rig_features", options.lambda_rig_features)}) {
+    if (weight > 0.0 && model.geometry_only)
+      throw InputError(request.file, std::string("/trainer/args/") + key,
+                       "with geometry_only there is no rig to judge");
+  }
   const std::string pointer = "/models/" + escaped_for_pointer(parts.name) + "/args";
   check_stream(model.geometry, "", request.file, pointer);
   check_stream(model.skin, "_vert_skin", request.file, pointer);
@@ -352,7 +383,9 @@ std::unique_ptr<Stage> make_structured_latent_flow_stage(const StageRequest& req
   if (const auto decoder =
           samples_decoder(reading.slat_dec_path, reading.slat_dec_ckpt,
                           structured_latent::kStructuredLatentDecoderClass, "slat_dec_path", request.trainer)) {
-    parts.decoder = structured_latent::load_rig_decoder(*decoder, request.device);
+    parts.decoder = model.geometry_only
+                        ? nn::load_trained<structured_latent::StructuredLatentDecoder>(*decoder, request.device)
+                        : structured_latent::load_rig_decoder(*decoder, request.device);
     check_decoder(model, parts.decoder->options(), *decoder);
   }
   if ((options.lambda_votes > 0.0 || options.lambda_rig_features > 0.0) && parts.decoder.is_empty()) {

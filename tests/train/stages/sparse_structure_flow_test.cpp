@@ -65,6 +65,24 @@ TEST_F(StructureFlow, TheLossIsTheSumOfBothStreamsAndOfItsTimeBins) {
   EXPECT_NEAR(value(3), value(1), 1e-6 * value(1));
 }
 
+TEST_F(StructureFlow, GeometryAloneIsJudgedByItsShape) {
+  const std::vector<std::string> alone = {"models.denoiser.args.geometry_only=true"};
+  const auto flow = stage(alone);
+  const auto batch = flow->data().load({data::Draw{0, 0}});
+  const Losses losses = flow->losses(*batch, {5, 0, 0});
+  ASSERT_EQ(losses.terms.size(), 2u) << "the shape and its tenth of the time axis";
+  EXPECT_EQ(losses.terms[0].first, "mse");
+  EXPECT_EQ(total_loss(losses), losses.terms[0].second.item<double>());
+  ASSERT_EQ(flow->evaluate().size(), 1u);
+  EXPECT_EQ(flow->evaluate().front().first, "mse");
+  write_decoder();
+  train(command("run", {alone[0], "trainer.args.max_steps=2", "trainer.args.i_sample=100",
+                        "dataset.args.ss_dec_path=" + (folder_ / "ss_run").string(), "trainer.args.lambda_dice=1",
+                        "trainer.args.dice_time=0"}));
+  sample_sheet("run", 2);
+  EXPECT_NE(message({alone[0], "trainer.args.p_given_shape=1"}).find("p_given_shape"), std::string::npos);
+}
+
 TEST_F(StructureFlow, DroppedConditionsDoNotSeeThePicture) {
   const auto batch = batch_of(*stage());
   expect_dropped_conditions_not_to_see_the_picture(*batch, dynamic_cast<data::StructureLatentBatch&>(*batch).cond);

@@ -242,6 +242,22 @@ TEST_F(LatentFlow, SamplesBecomeASheetAndATensorBoardPicture) {
   EXPECT_THROW(train(command("bad", with(drawn, {decoder_run({{"geometry_only", true}})}))), InputError);
 }
 
+// With the auto-encoder of the shape alone, too, which a flow of whole rigs refuses.
+TEST_F(LatentFlow, GeometryAloneIsJudgedAndShownByItsShape) {
+  const std::string alone = "models.denoiser.args.geometry_only=true";
+  const auto flow = stage({alone});
+  const Losses losses = flow->losses(*batch_of(*flow), {5, 0, 0});
+  EXPECT_EQ(losses.terms.front().first, "mse_geo");
+  EXPECT_EQ(total_loss(losses), term(losses, "mse_geo"));
+  for (const auto& [name, value] : losses.terms) EXPECT_EQ(name.find("sk"), std::string::npos) << name;
+  ASSERT_EQ(flow->evaluate().size(), 1u);
+  EXPECT_EQ(flow->evaluate().front().first, "mse_geo");
+  train(command(
+      "run", {alone, "trainer.args.max_steps=2", "trainer.args.i_sample=100", decoder_run({{"geometry_only", true}})}));
+  EXPECT_GT(sample_sheet("run", 2).width, 6 * 256);
+  EXPECT_NE(message({alone, "trainer.args.lambda_votes=1"}).find("lambda_votes"), std::string::npos);
+}
+
 TEST_F(LatentFlow, BadConfigsNameTheKey) {
   const auto names = [&](const std::vector<std::string>& overrides, const std::string& word) {
     const std::string found = message(overrides);
