@@ -20,6 +20,7 @@ struct RunFolder {
   std::filesystem::path board() const { return root / "tb_logs"; }  ///< TensorBoard's
   std::filesystem::path command() const { return root / "command.txt"; }
   std::filesystem::path made_by() const { return root / "made_by.json"; }  ///< version, commit, compiler, LibTorch
+  std::filesystem::path parameters() const { return root / "parameters.json"; }  ///< numbers of them, by model
   std::filesystem::path log() const { return root / "log.txt"; }
   std::filesystem::path progress() const { return root / "progress.html"; }  ///< curves and samples, for a browser
   std::filesystem::path profile() const { return root / "profile.md"; }

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "anigen/core/text.h"
+#include "anigen/experiment/method_costs.h"
 
 namespace anigen::experiment {
 
@@ -82,11 +84,62 @@ ClaimResult judged(const Experiment& experiment, const Plan& plan, const std::fi
   return result;
 }
 
+/// A side of a claim about costs: one value per job for seconds, else one that repeats itself.
+std::optional<Cell> cost_cell(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
+                              const ClaimSpec& spec, const ClaimSide& side) {
+  for (const CostSpec& costs : experiment.costs) {
+    for (const MethodCost& cost : method_costs(plan, out, costs)) {
+      if (cost.label != side.method || cost.jobs < cost.wanted || cost.jobs == 0) continue;
+      if (spec.cost == "parameters" && cost.parameters < 0) return {};
+      Cell cell;
+      if (spec.cost == "seconds") cell.by_seed = cost.by_job;
+      if (spec.cost == "memory") cell.by_seed = {1e-9 * static_cast<double>(cost.peak_bytes)};
+      if (spec.cost == "parameters") cell.by_seed = {1e-6 * static_cast<double>(cost.parameters)};
+      if (spec.cost == "training") cell.by_seed = {cost.training_seconds / 60.0};
+      for (const double value : cell.by_seed) cell.mean += value / static_cast<double>(cell.by_seed.size());
+      return cell;
+    }
+  }
+  return {};
+}
+
+/// Numbers of parameters decide at once, and memory, which hardly changes from run to run; times need several.
+ClaimResult judged_cost(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
+                        const ClaimSpec& spec) {
+  ClaimResult result;
+  result.spec = spec;
+  const auto of = cost_cell(experiment, plan, out, spec, spec.of),
+             over = cost_cell(experiment, plan, out, spec, spec.over);
+  if (!of || !over) {
+    result.reason = "no cost of " + (of ? spec.over : spec.of).method;
+    return result;
+  }
+  result.of = *of;
+  result.over = *over;
+  result.by_seed = seed_advantages(result.of, result.over, -1.0);
+  if (result.by_seed.empty()) {
+    result.reason = "both sides need the same seeds";
+    return result;
+  }
+  result.seed_interval = student_interval(result.by_seed);
+  const bool repeats = spec.cost == "parameters" || spec.cost == "memory";
+  if (!repeats && result.by_seed.size() < 2) {
+    result.verdict = Verdict::kTooSmall;
+    result.reason = "one run";
+  } else if (result.seed_interval.low > spec.margin) {
+    result.verdict = Verdict::kConfirmed;
+  } else {
+    result.verdict = result.seed_interval.high < spec.margin ? Verdict::kRefuted : Verdict::kTooSmall;
+  }
+  return result;
+}
+
 /// "of / over", with their steps where these differ.
 std::string sides_text(const ClaimSpec& spec) {
   const auto text = [&](const ClaimSide& side) {
     const std::string named = side_text(side);
-    return spec.of.step == spec.over.step || named == side.step ? named : named + ", " + side.step;
+    return !spec.cost.empty() || spec.of.step == spec.over.step || named == side.step ? named
+                                                                                      : named + ", " + side.step;
   };
   return text(spec.of) + " / " + text(spec.over);
 }
@@ -124,7 +177,9 @@ Verdict verdict_of(const eval::PairedDifference& by_asset, const eval::Interval&
 std::vector<ClaimResult> judge_claims(const Experiment& experiment, const Plan& plan,
                                       const std::filesystem::path& out) {
   std::vector<ClaimResult> results;
-  for (const ClaimSpec& spec : experiment.claims) results.push_back(judged(experiment, plan, out, spec));
+  for (const ClaimSpec& spec : experiment.claims)
+    results.push_back(spec.cost.empty() ? judged(experiment, plan, out, spec)
+                                        : judged_cost(experiment, plan, out, spec));
   return results;
 }
 
@@ -139,8 +194,9 @@ Table claim_table(const std::vector<ClaimResult>& claims) {
       published = fixed(spec.published->first, digits) + " / " + fixed(spec.published->second, digits);
     if (claim.of.has() && claim.over.has()) {
       here = fixed(claim.of.mean, digits) + " / " + fixed(claim.over.mean, digits);
-      assets = advantage_text(claim.by_asset.mean, claim.by_asset.interval, digits) + ", " +
-               std::to_string(claim.by_asset.n);
+      if (spec.cost.empty())
+        assets = advantage_text(claim.by_asset.mean, claim.by_asset.interval, digits) + ", " +
+                 std::to_string(claim.by_asset.n);
       double sum = 0.0;
       for (const double advantage : claim.by_seed) sum += advantage;
       const auto count = claim.by_seed.size();
@@ -179,10 +235,11 @@ Json claims_json(const std::vector<ClaimResult>& claims) {
     if (!claim.reason.empty()) json["reason"] = claim.reason;
     if (claim.of.has() && claim.over.has()) {
       json["here"] = {claim.of.mean, claim.over.mean};
-      json["by_asset"] = {{"mean", claim.by_asset.mean},
-                          {"low", claim.by_asset.interval.low},
-                          {"high", claim.by_asset.interval.high},
-                          {"n", claim.by_asset.n}};
+      if (spec.cost.empty())
+        json["by_asset"] = {{"mean", claim.by_asset.mean},
+                            {"low", claim.by_asset.interval.low},
+                            {"high", claim.by_asset.interval.high},
+                            {"n", claim.by_asset.n}};
       json["by_seed"] = claim.by_seed;
     }
     list.push_back(std::move(json));

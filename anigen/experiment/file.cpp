@@ -195,11 +195,42 @@ void read_side(ConfigFields& f, const Experiment& experiment, const std::string&
   if (side.step.empty()) throw f.error("step", "is missing");
 }
 
+void read_published(ConfigFields& f, ClaimSpec& claim) {
+  std::vector<double> published;
+  f("published", published);
+  if (!published.empty() && published.size() != 2) throw f.error("published", "expected two numbers, of both sides");
+  if (!published.empty()) claim.published = {published[0], published[1]};
+}
+
+/// Sides of a claim about costs: rows by their labels.
+void read_cost_sides(ConfigFields& f, const Experiment& experiment, ClaimSpec& claim) {
+  claim.column = {claim.cost, claim.cost, Column::Better::kLower, 2};
+  const auto read = [&](const std::string& key, ClaimSide& side) {
+    f(key, side.method, kRequired);
+    for (const CostSpec& spec : experiment.costs) {
+      for (const CostRow& row : spec.rows) {
+        if (row.label == side.method) side.step = row.step;
+      }
+    }
+    if (side.step.empty()) throw f.error(key, "\"" + side.method + "\" is no row of \"costs\"");
+  };
+  read("of", claim.of);
+  read("over", claim.over);
+  if (claim.of.method == claim.over.method) throw f.error("over", "both sides of the claim are the same");
+}
+
 void read_claims(Experiment& experiment, ConfigReader& reader) {
   each_object(reader, "claims", [&](ConfigFields& f) {
     ClaimSpec& claim = experiment.claims.emplace_back();
     f("claim", claim.text, kRequired);
     f("source", claim.source, kRequired);
+    f("cost", claim.cost, {"", "seconds", "memory", "parameters", "training"});
+    f("margin", claim.margin, {-1e9, 1e9});
+    read_published(f, claim);
+    if (!claim.cost.empty()) {
+      read_cost_sides(f, experiment, claim);
+      return;
+    }
     claim.of.file = "metrics.csv";
     f("step", claim.of.step);
     f("file", claim.of.file);
@@ -212,11 +243,26 @@ void read_claims(Experiment& experiment, ConfigReader& reader) {
     if (claim.of.variant == claim.over.variant && claim.of.method == claim.over.method &&
         claim.of.step == claim.over.step)
       throw f.error("over", "both sides of the claim are the same");
-    f("margin", claim.margin, {-1e9, 1e9});
-    std::vector<double> published;
-    f("published", published);
-    if (!published.empty() && published.size() != 2) throw f.error("published", "expected two numbers, of both sides");
-    if (!published.empty()) claim.published = {published[0], published[1]};
+  });
+}
+
+void read_costs(Experiment& experiment, ConfigReader& reader) {
+  const Json& steps = experiment.steps;
+  each_object(reader, "costs", [&](ConfigFields& f) {
+    CostSpec& spec = experiment.costs.emplace_back();
+    f("title", spec.title, kRequired);
+    each_object(f.reader(), "rows", [&](ConfigFields& of_row) {
+      CostRow& row = spec.rows.emplace_back();
+      of_row("label", row.label, kRequired);
+      read_step_name(of_row, steps, row.step);
+      read_pattern(of_row, row.files);
+      of_row("before", row.before);
+      of_row("models", row.models);
+      for (const std::string& step : row.before) require_step(steps, of_row.reader(), "before", step);
+      for (const std::string& model : row.models)
+        require_step(steps, of_row.reader(), "models", model.substr(0, model.find('/')));
+    });
+    if (spec.rows.empty()) throw f.error("rows", "at least one is needed");
   });
 }
 
@@ -277,7 +323,10 @@ void read_goals(Experiment& experiment, ConfigReader& reader) {
     for (const CurveSpec& curve : experiment.curves) goals.push_back(curve.step);
     for (const PictureSpec& picture : experiment.pictures) goals.push_back(picture.step);
     for (const ClaimSpec& claim : experiment.claims) goals.insert(goals.end(), {claim.of.step, claim.over.step});
-    if (goals.empty()) throw reader.error("goals", "names no step, and no table, curve, picture or claim does");
+    for (const CostSpec& spec : experiment.costs) {
+      for (const CostRow& row : spec.rows) goals.push_back(row.step);
+    }
+    if (goals.empty()) throw reader.error("goals", "names no step, and no table, curve, picture, claim or cost does");
   } else {
     for (const auto& [step, unused] : experiment.steps.items()) goals.push_back(step);
   }
@@ -357,6 +406,7 @@ Experiment read_experiment(const fs::path& file, const std::vector<std::string>&
   experiment.variants = read_variants(reader, experiment.steps);
   read_seeds(experiment, reader);
   read_report(experiment, reader);
+  read_costs(experiment, reader);
   read_claims(experiment, reader);
   read_goals(experiment, reader);
   reader.finish();

@@ -102,6 +102,24 @@ struct ClaimSpec {
   ClaimSide of, over;
   double margin = 0.0;
   std::optional<std::pair<double, double>> published;  ///< numbers of both sides in the paper
+  /// "seconds" (with what comes before), "memory" (GB), "parameters" (millions), "training" (minutes): the sides are
+  /// rows of the tables of costs, by `method`; empty: the sides have a column each
+  std::string cost;
+};
+
+/// A method in a table of costs.
+struct CostRow {
+  std::string label;
+  std::string step;                 ///< that makes its results
+  std::string files;                ///< of the results under the step's folder, one per asset, as "*.glb"
+  std::vector<std::string> before;  ///< steps that every asset also needs, such as the one that generates its mesh
+  std::vector<std::string> models;  ///< steps that train what it loads: "slat_dae", or one model, "slat_dae/decoder"
+};
+
+/// A table of what methods cost for an asset: seconds, memory, parameters, training (method_costs()).
+struct CostSpec {
+  std::string title;
+  std::vector<CostRow> rows;
 };
 
 /// A whole experiment, as its JSON file says it (docs/experiments.md).
@@ -122,11 +140,12 @@ struct Experiment {
   std::vector<SheetSpec> sheets;
   std::vector<StripSpec> strips;
   std::vector<ClaimSpec> claims;
+  std::vector<CostSpec> costs;
 };
 
 /// Reads an experiment; `"extends"` works as in configs. Variants are a `"variants"` object, or the product of a
 /// `"grid"`, or both multiplied; without either there is one variant without a name. `"goals"` are the steps that the
-/// tables, curves, pictures and claims speak of and those that the file names; all steps when it names none.
+/// tables, curves, pictures, claims and costs speak of and those that the file names; all steps when it names none.
 /// @param overrides path.to.key=value, applied to the whole file before it is read
 /// @param scale word of "scales": changes to the whole file, or the name of a file of them; of steps that the
 /// experiment has. Empty: none

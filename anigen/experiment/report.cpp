@@ -20,6 +20,7 @@
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/skin_evaluation.h"
 #include "anigen/experiment/command.h"
+#include "anigen/experiment/method_costs.h"
 #include "anigen/experiment/run_jobs.h"
 #include "anigen/experiment/sheets.h"
 
@@ -98,6 +99,11 @@ std::string missing_text(const ResultTable& result) {
   return result.missing.empty() ? "" : "Not run yet: " + joined(result.missing) + ".";
 }
 
+constexpr const char* kCostText =
+    "Wall time of a method's call, start-up included, divided by its assets; the largest resident set; parameters of "
+    "the "
+    "models that it loads; training of these alone, without what they begin from.";
+
 class Page {
  public:
   Page(const Experiment& experiment, const Plan& plan, const Workplace& place, const std::vector<ResultTable>& results,
@@ -118,6 +124,10 @@ class Page {
       if (!result.missing.empty()) html += "<p class=\"failed\">" + html_escaped(missing_text(result)) + "</p>\n";
     }
     html += viewers() + strips() + sheets() + curves() + pictures() + links();
+    for (const CostSpec& spec : experiment_.costs) {
+      html += "<h2>" + html_escaped(spec.title) + "</h2>\n<p class=\"hint\">" + kCostText + "</p>\n" +
+              wide(method_cost_table(method_costs(plan_, place_.out, spec)));
+    }
     html += "<h2>Cost</h2>\n" + wide(cost_table(plan_, place_.out));
     html += "<h2>Where this comes from</h2>\n" + wide(provenance_table(experiment_, plan_, place_)) + commands();
     html += "<details><summary>Jobs</summary>" + wide(job_table(plan_, place_.out)) + "</details>\n";
@@ -289,7 +299,7 @@ Json differences_of(const ResultTable& result) {
 }
 
 Json results_json(const Experiment& experiment, const std::vector<ResultTable>& results,
-                  const std::vector<ClaimResult>& claims) {
+                  const std::vector<ClaimResult>& claims, const Json& costs) {
   Json tables = Json::array();
   for (const ResultTable& result : results) {
     Json rows = Json::array();
@@ -312,8 +322,11 @@ Json results_json(const Experiment& experiment, const std::vector<ResultTable>& 
                       {"differences", differences_of(result)},
                       {"missing", result.missing}});
   }
-  return {
-      {"title", experiment.title}, {"seeds", experiment.seeds}, {"tables", tables}, {"claims", claims_json(claims)}};
+  return {{"title", experiment.title},
+          {"seeds", experiment.seeds},
+          {"tables", tables},
+          {"claims", claims_json(claims)},
+          {"costs", costs}};
 }
 
 }  // namespace
@@ -347,12 +360,19 @@ fs::path write_report(const Experiment& experiment, const Plan& plan, const Work
   const std::vector<ClaimResult> claims = judge_claims(experiment, plan, place.out);
   std::string text = "# " + experiment.title + "\n\n";
   if (!experiment.purpose.empty()) text += experiment.purpose + "\n\n";
-  text += to_markdown(provenance_table(experiment, plan, place)) + results_markdown(results, claims) + "\n## Cost\n\n" +
-          to_markdown(cost_table(plan, place.out)) + "\n## Jobs\n\n" + to_markdown(job_table(plan, place.out));
+  text += to_markdown(provenance_table(experiment, plan, place)) + results_markdown(results, claims);
+  Json costs = Json::array();
+  for (const CostSpec& spec : experiment.costs) {
+    const std::vector<MethodCost> found = method_costs(plan, place.out, spec);
+    text += "\n## " + spec.title + "\n\n" + kCostText + "\n\n" + to_markdown(method_cost_table(found));
+    costs.push_back({{"title", spec.title}, {"rows", to_json(found)}});
+  }
+  text += "\n## Cost\n\n" + to_markdown(cost_table(plan, place.out)) + "\n## Jobs\n\n" +
+          to_markdown(job_table(plan, place.out));
   write_file_atomically(folder / "report.md", text);
   for (std::size_t t = 0; t < results.size(); ++t)
     write_file_atomically(folder / (std::to_string(t + 1) + ".tex"), to_latex(mean_table(results[t])));
-  write_config(folder / "results.json", results_json(experiment, results, claims));
+  write_config(folder / "results.json", results_json(experiment, results, claims, costs));
   const fs::path page = folder / "report.html";
   write_file_atomically(page, report_html(experiment, plan, place, results, claims));
   return page;

@@ -166,6 +166,17 @@ void prepare_run_folder(const TrainCommand& command, const Json& config) {
   write_file_atomically(run.made_by(), made_by().dump(2) + "\n");
 }
 
+// Numbers of parameters by model, frozen ones included.
+Json parameter_counts(const Stage& stage) {
+  Json counts = Json::object();
+  for (const nn::NamedModel& model : stage.models()) {
+    std::int64_t count = 0;
+    for (const torch::Tensor& parameter : model.module->parameters()) count += parameter.numel();
+    counts[model.name] = count;
+  }
+  return counts;
+}
+
 // Work of all ranks, and files of rank 0.
 void train_as_rank(const TrainCommand& command, RunOptions run, const std::shared_ptr<Communicator>& ranks,
                    TrainingConfig& given) {
@@ -198,7 +209,10 @@ void train_as_rank(const TrainCommand& command, RunOptions run, const std::share
   }
   Trainer loop(*stage, options, run);
   // A run that could not begin leaves the config of what the folder holds.
-  if (ranks->rank() == 0) write_config(RunFolder{run.output}.config(), given.config);
+  if (ranks->rank() == 0) {
+    write_config(RunFolder{run.output}.config(), given.config);
+    write_config(RunFolder{run.output}.parameters(), parameter_counts(*stage));
+  }
   log::info("{} trainable parameters, {} threads, {} replicas", loop.parameters().master().numel(), command.run.threads,
             options.replicas);
   loop.run();
