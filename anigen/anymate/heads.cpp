@@ -45,6 +45,16 @@ Tensor mean_cosine(const Tensor& a, const Tensor& b) {
   return ((a / a_length) * (b / b_length)).sum(-1).mean();
 }
 
+// True parents of the joints that there are logits of, [B, J, J].
+Tensor checked_truth(const Tensor& logits, const Tensor& parents) {
+  require_shape(logits, {-1, -1, -1}, "logits");
+  const std::int64_t joints = logits.size(1);
+  require_shape(logits, {-1, joints, joints}, "logits");
+  require_shape(parents, {logits.size(0), -1, joints}, "conns");
+  require(parents.size(1) >= joints, "conns", "has fewer rows than there are joints");
+  return parents.narrow(1, 0, joints).to(logits.dtype());
+}
+
 }  // namespace
 
 PairLogits::PairLogits(torch::nn::Module& head, std::int64_t width) {
@@ -55,13 +65,20 @@ PairLogits::PairLogits(torch::nn::Module& head, std::int64_t width) {
 }
 
 Tensor connectivity_loss(const Tensor& logits, const Tensor& parents) {
-  require_shape(logits, {-1, -1, -1}, "logits");
-  const std::int64_t joints = logits.size(1);
-  require_shape(logits, {-1, joints, joints}, "logits");
-  require_shape(parents, {logits.size(0), -1, joints}, "conns");
-  require(parents.size(1) >= joints, "conns", "has fewer rows than there are joints");
-  const Tensor truth = parents.narrow(1, 0, joints).to(logits.dtype());
+  const Tensor truth = checked_truth(logits, parents);
   return -(truth * (torch::softmax(logits, -1) + kLogFloor).log()).sum(-1).mean();
+}
+
+Tensor connectivity_bce(const Tensor& logits, const Tensor& parents, const Tensor& mask) {
+  const Tensor truth = checked_truth(logits, parents);
+  Tensor counts = torch::ones_like(logits);
+  if (mask.defined()) {
+    require_shape(mask, {logits.size(0), logits.size(1)}, "joints_mask");
+    const Tensor real = (mask != 0).to(logits.dtype());
+    counts = real.unsqueeze(2) * real.unsqueeze(1);
+  }
+  const Tensor sum = torch::binary_cross_entropy(torch::softmax(logits, -1), truth, counts, at::Reduction::Sum);
+  return sum / counts.sum().clamp_min(1.0);
 }
 
 Tensor likeliest_parents(const Tensor& logits) {
@@ -108,7 +125,7 @@ Tensor TwoBranchConnectivityImpl::forward(const Tensor& latents, const Tensor& j
     }
     branches.push_back(x);
   }
-  return masked_columns(pairs_.of(branches[0], pairs_.columns(branches[1])), mask);
+  return masked_columns(with_children_in_rows(pairs_.of(branches[0], pairs_.columns(branches[1]))), mask);
 }
 
 LinearChainImpl::LinearChainImpl(std::int64_t in, std::int64_t out) {
@@ -150,7 +167,8 @@ Tensor TokenConnectivityImpl::forward(const Tensor& latents, const Tensor& joint
   const auto in_role = [&](LinearChain& chain, const Tensor& token) {
     return chain(torch::cat({found, token.expand({found.size(0), found.size(1), -1})}, -1));
   };
-  return torch::matmul(in_role(head_mlp_, head_token_), in_role(tail_mlp_, tail_token_).transpose(1, 2));
+  return with_children_in_rows(
+      torch::matmul(in_role(head_mlp_, head_token_), in_role(tail_mlp_, tail_token_).transpose(1, 2)));
 }
 
 SkinningEmbedding::SkinningEmbedding(torch::nn::Module& head, const HeadOptions& options, bool separate)

@@ -38,6 +38,17 @@ class ConnectivityImpl : public torch::nn::Module {
   /// @param latents [B, L, W] @param joints [B, J or more, 3] in [-1, 1], padded @param mask [B, J], not zero for real
   ///   joints; undefined: all of them are @return [B, J, J] logits @throws InputError for shapes
   virtual Tensor forward(const Tensor& latents, const Tensor& joints, const Tensor& mask = {}) = 0;
+  /// With true the roles change sides, as in Anymate's text: of the matrix that the model makes of its two kinds of
+  /// tokens columns are children, and forward() returns its transpose.
+  void columns_are_children(bool on) { columns_are_children_ = on; }
+
+ protected:
+  Tensor with_children_in_rows(const Tensor& logits) const {
+    return columns_are_children_ ? logits.transpose(1, 2) : logits;
+  }
+
+ private:
+  bool columns_are_children_ = false;
 };
 
 /// Mean over all rows of a batch, padded ones included (they add nothing), of - Σ y ln(softmax(logits) + 1e-6).
@@ -45,6 +56,11 @@ class ConnectivityImpl : public torch::nn::Module {
 /// for
 ///   padding (AnymateBatch::conns) @return scalar @throws InputError for shapes
 Tensor connectivity_loss(const Tensor& logits, const Tensor& parents);
+
+/// Plain binary cross entropy of softmax(logits), mean over the entries of real joints: the loss of Anymate's text,
+/// where the released code has connectivity_loss(). @param mask [B, J], not zero for real joints; undefined: all of
+/// them are @return scalar @throws InputError for shapes
+Tensor connectivity_bce(const Tensor& logits, const Tensor& parents, const Tensor& mask = {});
 
 /// The most likely parent of each joint; a joint that is its own parent is a root. Nothing makes a tree of it: several
 /// roots, none, and cycles are possible. @param logits [J, J] or [B, J, J] @return [J] or [B, J] int64

@@ -291,6 +291,7 @@ void ModelOptions::fields(ConfigFields& f) {
   f("connectivity_layers", connectivity_layers, count);
   f("token_layers", token_layers, count);
   f("head_token_length", head_token_length, width);
+  f("children", children, {"rows", "columns"});
   f("skinning_layers", skinning_layers, count);
   f.object("concat_denoiser", [&](ConfigFields& g) {
     g("width", concat_denoiser.width, width);
@@ -338,6 +339,16 @@ AnymateBatch collate_diffusion(const std::vector<AnymateSample>& samples, std::i
   return batch;
 }
 
+namespace {
+
+template <typename Connectivity>
+std::shared_ptr<torch::nn::Module> with_roles(std::shared_ptr<Connectivity> decoder, const ModelOptions& options) {
+  decoder->columns_are_children(options.children == "columns");
+  return decoder;
+}
+
+}  // namespace
+
 std::shared_ptr<torch::nn::Module> make_decoder(const ModelOptions& options, nn::Init init) {
   const HeadOptions& head = options.head;
   switch (options.decoder) {
@@ -352,9 +363,11 @@ std::shared_ptr<torch::nn::Module> make_decoder(const ModelOptions& options, nn:
     case DecoderKind::kTriplaneVolume:
       return std::make_shared<TriplaneVolumeImpl>(options.triplane, init);
     case DecoderKind::kTokenConnectivity:
-      return std::make_shared<TokenConnectivityImpl>(head, options.token_layers, options.head_token_length, init);
+      return with_roles(
+          std::make_shared<TokenConnectivityImpl>(head, options.token_layers, options.head_token_length, init),
+          options);
     case DecoderKind::kTwoBranchConnectivity:
-      return std::make_shared<TwoBranchConnectivityImpl>(head, options.connectivity_layers, init);
+      return with_roles(std::make_shared<TwoBranchConnectivityImpl>(head, options.connectivity_layers, init), options);
     case DecoderKind::kConcatSkinning:
       return std::make_shared<ConcatSkinningImpl>(head, concat_skinning(options), init);
     case DecoderKind::kCrossSkinning:

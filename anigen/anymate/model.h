@@ -49,6 +49,7 @@ struct ModelOptions : JsonOptions<ModelOptions> {
   std::int64_t num_joints = 96, out_channels = 3;  ///< of the regression
   std::int64_t connectivity_layers = 2;            ///< of each branch
   std::int64_t token_layers = 4, head_token_length = 128;
+  std::string children = "rows";  ///< ours: of the connectivity's matrix, or "columns" (ConnectivityImpl)
   std::int64_t skinning_layers = 2;
   ConcatSkinningOptions concat_skinning;  ///< but `separate`, which is below
   bool separate = false;                  ///< skinning: one map for positions and normals
@@ -74,7 +75,7 @@ struct ModelOptions : JsonOptions<ModelOptions> {
   /// `num_x`, `n_ctx` and the keys of the diffusion schedule change nothing here. As released, width and heads do not
   /// reach the concatenation denoiser. Ours, for small models: objects `bert`, `michelangelo`, `scratch`,
   /// `concat_denoiser`, `concat_skinning` and `triplane` with the names of the options above, `projection_1` and
-  /// `projection_2` within `bert`, and the numbers of layers and the head_token_length of this struct.
+  /// `projection_2` within `bert`, and the numbers of layers, the head_token_length and `children` of this struct.
   /// @throws InputError for an unknown key or a value out of range
   void fields(ConfigFields& f);
 };

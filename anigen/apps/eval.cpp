@@ -232,6 +232,7 @@ std::vector<std::string> add_oracle_options(CLI::App& app, EvalArguments& option
   add("--slat-steps", options.slat_steps)->check(whole_number(1, 100'000));
   add("--cluster-bandwidth", options.cluster_bandwidth)->check(number(0, 1, RangeEnds::kOpenBelow));
   add("--cluster-min-votes", options.cluster_min_votes)->check(whole_number(1, 1'000'000));
+  add("--cluster-algorithm", options.cluster_algorithm);
   add("--hidden-views", options.hidden_views)->check(whole_number(1, 100'000));
   add("--texture-size", options.texture_size)->check(whole_number(0, 8192));
   return names;

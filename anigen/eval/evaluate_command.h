@@ -76,6 +76,7 @@ struct EvalArguments {
   std::optional<std::int64_t> slat_steps;
   std::optional<float> cluster_bandwidth;
   std::optional<int> cluster_min_votes, texture_size;
+  std::string cluster_algorithm;  ///< "published", "paper", or empty: as the run's config says
   std::optional<std::size_t> hidden_views;
 };
 

@@ -44,6 +44,8 @@ class FieldRigger {
   /// @throws InputError without a surface; Error when the flows find no skeleton voxels
   Found find(const io::RiggedShape& shape);
 
+  skeleton_field::MeanShiftForm grouping_form() const { return decoder_->grouping_form(); }
+
   /// The steps of rig_meshes() that find joints: of any mesh, and those with at least kTrustedAgreement.
   static rigging::LearnedSteps steps(const std::shared_ptr<FieldRigger>& rigger);
 

@@ -322,6 +322,8 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                      {"smoothing_iterations", finishing.smoothing_iterations.value_or(kPublishedSmoothing)},
                      {"smoothing_alpha", finishing.smoothing_alpha},
                      {"texture_size", finishing.texture_size}}}};
+  if (grouping.form != skeleton_field::MeanShiftForm::kOfRun)
+    settings["grouping"] = grouping.form == skeleton_field::MeanShiftForm::kPaper ? "paper" : "published";
   const MattingOptions& matting = request.pictures.matting;
   if (matting.is_run()) {
     settings["matting"] = {{"run", matting.network.string()}};

@@ -31,7 +31,8 @@ constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40};
 
 struct VotedAsset {
   skeleton_field::Votes votes;
-  std::vector<Vector3f> joints;  // true ones
+  std::vector<Vector3f> joints;        // true ones
+  skeleton_field::MeanShiftForm form;  // that the run groups in
 };
 
 // The joints that are not within kCoincide of an earlier one.
@@ -84,6 +85,7 @@ GroupingRow scored(const std::vector<VotedAsset>& assets, double bandwidth, int 
   options.bandwidth = static_cast<float>(bandwidth);
   options.min_cluster_size = least_votes;
   for (const VotedAsset& asset : assets) {
+    options.form = asset.form;
     const std::vector<Vector3f> joints = skeleton_field::mean_shift_grouping(asset.votes, options).joints;
     const auto found = static_cast<double>(joints.size()), wanted = static_cast<double>(asset.joints.size());
     row.surplus += found - wanted;
@@ -123,7 +125,8 @@ std::vector<VotedAsset> generated_votes(const GroupingRequest& request) {
       const GeneratedAsset made =
           generator.generate(generator.structure_sees_normals() ? first.normals_tensor : first.picture_tensor,
                              seen.at(generator.latent_size()).picture_tensor, picture.name, {});
-      assets.push_back({skeleton_field::votes_of(made.decoded.votes), distinct(nn::points_of(joints, "joints"))});
+      assets.push_back({skeleton_field::votes_of(made.decoded.votes), distinct(nn::points_of(joints, "joints")),
+                        coder.grouping_form()});
     } catch (const Error& error) {
       log::warn("{}: {}", picture.name, error.what());
     }
@@ -153,7 +156,7 @@ std::vector<VotedAsset> votes_in_meshes(const GroupingRequest& request) {
       std::vector<Vector3f> joints;
       for (const Eigen::Vector3d& joint : shape.joints.positions)
         joints.emplace_back((found.to_cube.scale * joint + found.to_cube.offset).cast<float>());
-      assets.push_back({skeleton_field::votes_of(found.votes), distinct(joints)});
+      assets.push_back({skeleton_field::votes_of(found.votes), distinct(joints), rigger.grouping_form()});
     } catch (const InputError&) {
       throw;
     } catch (const Error& error) {
@@ -189,7 +192,8 @@ std::vector<VotedAsset> voted_assets(const GroupingRequest& request) {
                                               inputs.rigs.parents.front().to(torch::kInt64)};
     // With the true skeleton, so that nothing is grouped and no weights of many false joints are decoded.
     const RigDecoder::Decoded decoded = coder.decode(coder.encode(inputs), own, /*use_own=*/true, id);
-    assets.push_back({skeleton_field::votes_of(decoded.votes), distinct(nn::points_of(own.joints, "joints"))});
+    assets.push_back({skeleton_field::votes_of(decoded.votes), distinct(nn::points_of(own.joints, "joints")),
+                      coder.grouping_form()});
     progress.advance();
   }
   progress.finish();

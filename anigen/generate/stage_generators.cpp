@@ -281,7 +281,8 @@ RigDecoder::RigDecoder(const nn::RunModel& found, torch::Device device,
                        const skeleton_field::MeanShiftOptions& grouping, Decodes decodes)
     : decodes_(decodes),
       variant_(structured_latent::variant_of_run(found)),
-      grouping_(structured_latent::grouping_of_run(grouping, found.config.parent_path())),
+      grouping_(structured_latent::in_form_of(structured_latent::grouping_of_run(grouping, found.config.parent_path()),
+                                              variant_)),
       decoder_(decodes == Decodes::kShapes ? nn::load_trained<structured_latent::StructuredLatentDecoder>(found, device)
                                            : structured_latent::load_rig_decoder(found, device, grouping)) {}
 
@@ -335,7 +336,7 @@ std::string StructuredLatentCoder::fingerprint() const {
   return sha256(fingerprint_of_files({found_.checkpoint}) + found_.args.dump() + "/" + data_.model + "/" +
                 std::to_string(data_.skl_dilation_iter) + "/" + std::to_string(data_.load_cubvh) + "/" +
                 std::to_string(data_.skin_accum_as_flow) + "/" + std::to_string(data_.resolution) + "/" +
-                std::to_string(static_cast<int>(variant_.latent_norm)));
+                std::to_string(static_cast<int>(variant_.latent_norm)) + (variant_.geometry_dae ? "/dae" : ""));
 }
 
 std::vector<fs::path> StructuredLatentCoder::files(const data::AssetId& asset) const {
@@ -412,7 +413,7 @@ structured_latent::PerStream<SparseTensor> StructuredLatentCoder::encode(const I
   const torch::NoGradGuard no_grad;
   const auto latents = encoder_->forward(inputs.x, inputs.x_skl, inputs.rigs);
   const structured_latent::StructuredLatentEncoderOptions& options = encoder_->options();
-  return {latents.z.with(latents.z_geometry),
+  return {latents.z.with(structured_latent::geometry_latent(latents.z_geometry, options, variant_)),
           latents.z.with(structured_latent::renormalized(latents.z_skin, options, variant_.latent_norm)),
           latents.z_skl.with(structured_latent::renormalized(latents.z_skl.feats, options, variant_.latent_norm))};
 }

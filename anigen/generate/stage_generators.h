@@ -221,6 +221,7 @@ class RigDecoder {
   skeleton_field::SkeletonField votes(const structured_latent::PerStream<sparse::SparseTensor>& latents);
   /// Joints and parents that votes are grouped to.
   skeleton_field::SkeletonTensors grouped(const skeleton_field::SkeletonField& votes) const;
+  skeleton_field::MeanShiftForm grouping_form() const { return grouping_.form; }
 
  private:
   Decodes decodes_;
@@ -271,6 +272,7 @@ class StructuredLatentCoder {
   void write(const structured_latent::PerStream<sparse::SparseTensor>& latents, const std::filesystem::path& file,
              std::optional<std::size_t> view = std::nullopt) const;
 
+  skeleton_field::MeanShiftForm grouping_form() const { return variant_.grouping; }  ///< of the run's config
   /// True where the run trained the shape alone: what it decodes is held by one joint.
   bool shape_alone() const { return variant_.geometry_only; }
   /// Back to an asset: rigged, or the shape of a run that trained nothing else, then without votes.

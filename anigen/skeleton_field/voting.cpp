@@ -9,6 +9,7 @@
 #include "anigen/asset/mesh.h"
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/error.h"
+#include "anigen/core/parallel.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/skeleton_field/field.h"
 
@@ -17,6 +18,7 @@ namespace anigen::skeleton_field {
 namespace {
 
 constexpr double kMostNeighbours = 1 << 16, kMostIterations = 1e9, kMostClusterSize = 1e9;
+constexpr int kPaperIterations = 10;
 
 struct ShiftedVotes {
   std::vector<Eigen::Vector3f> positions;
@@ -46,6 +48,32 @@ ShiftedVotes shift(const std::vector<Eigen::Vector3f>& positions, const std::vec
     }
     if (!(total > 0.0F)) return;
     shifted.positions[i] = sum / (total + 1e-8F);
+    moves[i] = std::sqrt(geometry::squared_distance(shifted.positions[i], positions[i]));
+  });
+  for (const float move : moves) shifted.farthest = std::max(shifted.farthest, move);
+  return shifted;
+}
+
+/// One round as the paper has it: S_i ← Σ_k c^J_k S_k / Σ_k c^J_k over all S_k within the bandwidth of S_i, summed in
+/// index order and in double.
+ShiftedVotes shift_over_all(const std::vector<Eigen::Vector3f>& positions, const std::vector<float>& confidence,
+                            float bandwidth) {
+  ShiftedVotes shifted;
+  shifted.positions = positions;
+  std::vector<float> moves(positions.size(), 0.0F);
+  const geometry::PointCells cells(positions, bandwidth);
+  parallel_for(positions.size(), [&](std::size_t i) {
+    std::vector<int> neighbours = cells.within(i);
+    std::sort(neighbours.begin(), neighbours.end());
+    double total = 0.0;
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const int k : neighbours) {
+      const auto weight = static_cast<double>(confidence[static_cast<std::size_t>(k)]);
+      total += weight;
+      sum += weight * positions[static_cast<std::size_t>(k)].cast<double>();
+    }
+    if (!(total > 0.0)) return;
+    shifted.positions[i] = (sum / total).cast<float>();
     moves[i] = std::sqrt(geometry::squared_distance(shifted.positions[i], positions[i]));
   });
   for (const float move : moves) shifted.farthest = std::max(shifted.farthest, move);
@@ -175,8 +203,11 @@ GroupedSkeleton mean_shift_grouping(const Votes& votes, const MeanShiftOptions& 
     return skeleton;
   }
   std::vector<Eigen::Vector3f> positions = kept.joints;  // S = Ĵ, until max ‖ΔS_i‖ ≤ 0.1 h
-  for (int round = 0; round < options.max_iterations; ++round) {
-    ShiftedVotes shifted = shift(positions, kept.joint_confidence, options);
+  const bool paper = options.form == MeanShiftForm::kPaper;
+  const int rounds = paper ? kPaperIterations : options.max_iterations;
+  for (int round = 0; round < rounds; ++round) {
+    ShiftedVotes shifted = paper ? shift_over_all(positions, kept.joint_confidence, options.bandwidth)
+                                 : shift(positions, kept.joint_confidence, options);
     positions = std::move(shifted.positions);
     if (shifted.farthest <= 0.1F * options.bandwidth) break;
   }

@@ -96,7 +96,8 @@ Tensor SparseStructureEncoderImpl::run(Stream<GlobalTokenEncoder>& stream, const
 nn::Latent SparseStructureEncoderImpl::latent_of(const Tensor& raw, bool deterministic, bool normalize,
                                                  const Tensor& noise) const {
   if (!deterministic) return nn::sampled_latent(raw, channel_axis(raw), noise);
-  return nn::deterministic_latent(normalize ? options_.normalize_scale * unit_latents(raw) : raw);
+  return nn::deterministic_latent(normalize ? options_.normalize_scale * unit_latents(raw, options_.norm_order())
+                                            : raw);
 }
 
 nn::Latent SparseStructureEncoderImpl::encode_shape(const Tensor& x, const Tensor& noise) {
@@ -165,7 +166,7 @@ Tensor SparseStructureDecoderImpl::run(Stream<GlobalTokenDecoder>& stream, const
   const torch::Dtype dtype = stream.out->parameters().front().scalar_type();
   Tensor latents = z.to(dtype);
   if (skeleton ? options_.normalize_z_skl : options_.normalize_z)
-    latents = options_.normalize_scale * unit_latents(latents);
+    latents = options_.normalize_scale * unit_latents(latents, options_.norm_order());
   const Tensor cells = stream.tokens.present() ? stream.tokens.forward(latents) : stream.input->forward(latents);
   return stream.out->forward(stream.blocks->forward(stream.middle->forward(cells)).to(dtype));
 }

@@ -189,9 +189,9 @@ Tensor GlobalTokenDecoder::forward(const Tensor& tokens) {
 
 std::int64_t channel_axis(const Tensor& latents) { return latents.dim() == 5 ? 1 : latents.dim() - 1; }
 
-Tensor unit_latents(const Tensor& latents) {
+Tensor unit_latents(const Tensor& latents, double order) {
   namespace F = torch::nn::functional;
-  return F::normalize(latents, F::NormalizeFuncOptions().p(2).dim(channel_axis(latents)).eps(1e-12));
+  return F::normalize(latents, F::NormalizeFuncOptions().p(order).dim(channel_axis(latents)).eps(1e-12));
 }
 
 nn::VolumeNormImpl::Kind norm_kind(const std::string& norm_type) {

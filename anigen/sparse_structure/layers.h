@@ -125,8 +125,8 @@ class GlobalTokenDecoder : public GlobalTokens {
 /// Axis of the channels: 1 of volumes [B, C, X, Y, Z], the last of tokens [B, T, C].
 std::int64_t channel_axis(const torch::Tensor& latents);
 
-/// L2 norm 1 over the channels at each cell or token: x / max(‖x‖, 1e-12).
-torch::Tensor unit_latents(const torch::Tensor& latents);
+/// Norm 1 over the channels at each cell or token: x / max(‖x‖, 1e-12). @param order 2, or 1 for the ℓ1 norm
+torch::Tensor unit_latents(const torch::Tensor& latents, double order = 2.0);
 
 /// "layer" or "group".
 nn::VolumeNormImpl::Kind norm_kind(const std::string& norm_type);

@@ -33,6 +33,7 @@ void SparseStructureCoderOptions::fields(ConfigFields& f) {
   f("normalize_z", normalize_z);
   f("normalize_z_skl", normalize_z_skl);
   f("normalize_scale", normalize_scale);
+  f("normalize_norm", normalize_norm, {"l2", "l1"});
 }
 
 void SparseStructureCoderOptions::validate_channels(const OptionCheck& check) const {

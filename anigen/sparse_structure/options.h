@@ -22,13 +22,15 @@ struct SparseStructureCoderOptions {
   bool use_pretrain_branch = true;     ///< training starts from a file of weights named after the class
   bool freeze_pretrain_branch = true;  ///< with use_pretrain_branch: modules_to_freeze are not trained
   std::vector<std::string> modules_to_freeze = {"blocks", "input_layer", "middle_block", "out_layer"};
-  bool normalize_z = false, normalize_z_skl = true;  ///< latents of L2 norm normalize_scale over the channels
+  bool normalize_z = false, normalize_z_skl = true;  ///< latents of norm normalize_scale over the channels
   double normalize_scale = 1.0;                      ///< above 0
+  std::string normalize_norm = "l2";                 ///< ours: of both streams, or "l1", as the paper's text has it
 
   std::int64_t levels() const { return static_cast<std::int64_t>(channels.size()); }
   /// Edge of the occupancy grid divided by the edge of the latent grid.
   std::int64_t downsampling() const { return std::int64_t{1} << (levels() - 1); }
   bool freezes() const { return use_pretrain_branch && freeze_pretrain_branch; }
+  double norm_order() const { return normalize_norm == "l1" ? 1.0 : 2.0; }
 
  protected:
   void fields(ConfigFields& f);

@@ -382,6 +382,12 @@ skeleton_field::MeanShiftOptions grouping_of_run(skeleton_field::MeanShiftOption
   return asked;
 }
 
+skeleton_field::MeanShiftOptions in_form_of(skeleton_field::MeanShiftOptions asked,
+                                            const StructuredLatentVariant& variant) {
+  if (asked.form == skeleton_field::MeanShiftForm::kOfRun) asked.form = variant.grouping;
+  return asked;
+}
+
 StructuredLatentDecoder load_rig_decoder(const nn::RunModel& found, torch::Device device,
                                          const skeleton_field::MeanShiftOptions& grouping) {
   const StructuredLatentVariant variant = variant_of_run(found);
@@ -391,11 +397,11 @@ StructuredLatentDecoder load_rig_decoder(const nn::RunModel& found, torch::Devic
   }
   StructuredLatentDecoder decoder = nn::load_trained<StructuredLatentDecoder>(found, device);
   const std::string strategy = decoder->options().grouping_strategy;
-  decoder->group_with(
-      [confidence = variant.confidence, strategy,
-       grouping = grouping_of_run(grouping, found.config.parent_path())](const skeleton_field::SkeletonField& field) {
-        return skeleton_field::group_votes(for_grouping(field, confidence), strategy, grouping);
-      });
+  decoder->group_with([confidence = variant.confidence, strategy,
+                       grouping = in_form_of(grouping_of_run(grouping, found.config.parent_path()), variant)](
+                          const skeleton_field::SkeletonField& field) {
+    return skeleton_field::group_votes(for_grouping(field, confidence), strategy, grouping);
+  });
   return decoder;
 }
 

@@ -157,13 +157,17 @@ inline constexpr const char* kStructuredLatentDecoderClass = "AniGenElasticSLatM
 /// Bandwidth and least votes that were fitted for a run (generate/grouping.h): {"bandwidth", "least_votes", …}.
 inline std::filesystem::path grouping_file(const std::filesystem::path& run) { return run / "grouping.json"; }
 /// Choice where a bandwidth or a least number of votes of 0 stands for the fitted one, or the published one where none
-/// was fitted. @param run its folder @throws InputError for a damaged file
+/// was fitted. The form stays; load_rig_decoder() knows that of the run. @param run its folder @throws InputError for a
+/// damaged file
 skeleton_field::MeanShiftOptions grouping_of_run(skeleton_field::MeanShiftOptions asked,
                                                  const std::filesystem::path& run);
 
 /// Variant that the run of a decoder trained, from its config. @param decoder by find_run_model()
 StructuredLatentVariant variant_of_run(const nn::RunModel& decoder);
-/// The decoder as its run's variant decodes whole rigs: votes are grouped with the variant's confidences.
+/// Options whose form is that of the variant, where they ask for that of the run.
+skeleton_field::MeanShiftOptions in_form_of(skeleton_field::MeanShiftOptions asked,
+                                            const StructuredLatentVariant& variant);
+/// The decoder as its run's variant decodes whole rigs: votes are grouped with the variant's confidences, in its form.
 /// @throws InputError as nn::load_trained(), and for a run that trained the shape alone, whose skeletons and weights
 /// mean nothing
 /// @param grouping of votes by mean shift, as grouping_of_run(); the published values leave many joints of decoders

@@ -5,6 +5,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/nn/norms.h"
 #include "anigen/skeleton_field/loss.h"
 
 namespace anigen::structured_latent {
@@ -196,6 +197,10 @@ StructuredLatentVariant StructuredLatentVariant::read(ConfigReader& args, const 
   variant.latent_norm = norm == "l1" ? LatentNorm::kL1 : norm == "none" ? LatentNorm::kNone : LatentNorm::kL2;
   variant.joint_skin = args.choice("skin_ae", "pretrained", {"pretrained", "joint"}) == "joint";
   variant.geometry_only = args.boolean("geometry_only", false);
+  variant.geometry_dae = args.choice("geometry_latent", "vae", {"vae", "dae"}) == "dae";
+  const std::string by_default = compatibility == "paper" ? "paper" : "published";
+  const bool paper = args.choice("grouping", by_default, {"published", "paper"}) == "paper";
+  variant.grouping = paper ? skeleton_field::MeanShiftForm::kPaper : skeleton_field::MeanShiftForm::kPublished;
   return variant;
 }
 
@@ -217,6 +222,13 @@ void StructuredLatentVariant::apply(StructuredLatentEncoderOptions& encoder, con
 Tensor renormalized(const Tensor& z, const StructuredLatentEncoderOptions& encoder, LatentNorm norm) {
   if (norm != LatentNorm::kL1) return z;
   return encoder.normalize_scale * z / z.abs().sum(-1, /*keepdim=*/true).clamp_min(kLeastLength);
+}
+
+Tensor geometry_latent(const Tensor& z, const StructuredLatentEncoderOptions& encoder,
+                       const StructuredLatentVariant& variant) {
+  if (!variant.geometry_dae || variant.latent_norm == LatentNorm::kNone) return z;
+  if (variant.latent_norm == LatentNorm::kL1) return renormalized(z, encoder, LatentNorm::kL1);
+  return encoder.normalize_scale * nn::unit_length(z);
 }
 
 skeleton_field::SkeletonField for_grouping(const skeleton_field::SkeletonField& field,

@@ -6,6 +6,7 @@
 #include "anigen/core/config_fields.h"
 #include "anigen/shape_field/mesh_extraction.h"
 #include "anigen/skeleton_field/field.h"
+#include "anigen/skeleton_field/voting.h"
 #include "anigen/skin_field/skin_autoencoder.h"
 
 namespace anigen::structured_latent {
@@ -91,7 +92,7 @@ struct StructuredLatentDecoderOptions : StructuredLatentCoderOptions, JsonOption
   void validate(const std::string& file = "", const std::string& pointer = "") const;
 };
 
-/// Normalisation of skin and skeleton latents. Geometry latents never are.
+/// Normalisation of skin and skeleton latents, and of geometry latents that are those of a denoising auto-encoder.
 enum class LatentNorm {
   kL2,   ///< as published
   kL1,   ///< as the paper says: the same directions, on the ℓ1 sphere
@@ -106,11 +107,15 @@ struct StructuredLatentVariant {
   bool joint_skin =
       false;  ///< `skin_ae` "joint": no pretrained SkinAE; its decoder is trained along, its encoder silent
   bool geometry_only = false;  ///< shape alone is trained
+  bool geometry_dae = false;   ///< geometry latents are means, normalised and noised as the others; false: a posterior
+  skeleton_field::MeanShiftForm grouping = skeleton_field::MeanShiftForm::kPublished;  ///< of votes, when decoded
   bool needs_skin_ae() const { return !joint_skin && !geometry_only; }
 
   /// `confidence` ("explicit", "none", "learned", "bayesian"; absent: what the models' arguments mean), `normalization`
-  /// ("l2", "l1", "none"), `skin_ae` ("pretrained", "joint"), `geometry_only`.
-  /// @param compatibility "paper": normalization is "l1" unless given @throws InputError when they contradict
+  /// ("l2", "l1", "none"), `skin_ae` ("pretrained", "joint"), `geometry_only`, `geometry_latent` ("vae", "dae"),
+  /// `grouping` ("published", "paper").
+  /// @param compatibility "paper": normalization is "l1" and grouping "paper" unless given
+  /// @throws InputError when they contradict
   static StructuredLatentVariant read(ConfigReader& trainer_args, const StructuredLatentDecoderOptions& decoder,
                                       const std::string& compatibility);
   /// As above, of a run folder's config. @param run the whole config @param file of it, for messages
@@ -123,6 +128,9 @@ struct StructuredLatentVariant {
 
 /// Latents of skin or skeleton as the variant has them, from what the encoder gives. @param z [N, C] @return [N, C]
 torch::Tensor renormalized(const torch::Tensor& z, const StructuredLatentEncoderOptions& encoder, LatentNorm norm);
+/// Likewise of the geometry. @param z [N, C] posterior means where the variant is geometry_dae @return [N, C]
+torch::Tensor geometry_latent(const torch::Tensor& z, const StructuredLatentEncoderOptions& encoder,
+                              const StructuredLatentVariant& variant);
 
 /// The field with confidences that grouping can compare with a threshold: for kBayesian e^(−s) divided by its 99th
 /// percentile in the asset, at most 1 (docs/reference/training.md, 4); otherwise unchanged.

@@ -19,6 +19,7 @@
 #include "anigen/data/latent_files.h"
 #include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/profile.h"
+#include "anigen/train/stages/paper_variants.h"
 #include "anigen/train/stages/stages.h"
 
 namespace anigen::train {
@@ -230,6 +231,7 @@ Json resolved_config(const TrainCommand& command, std::string& file) {
   file = source.string();
   Json config = load_config(source);
   apply_overrides(config, command.overrides);
+  fill_in_paper_variants(config);
   if (!command.data_dir.empty()) config["dataset"]["args"]["data_dir"] = command.data_dir;
   return config;
 }

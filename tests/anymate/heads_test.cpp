@@ -38,6 +38,49 @@ TEST(AnymateConnectivity, LossCountsPaddedRows) {
   EXPECT_THROW(connectivity_loss(logits, truth.narrow(1, 0, 3)), InputError);
 }
 
+TEST(AnymateConnectivity, BinaryCrossEntropyCountsRealEntries) {
+  // Two real joints of three, logits 0: every softmax is 1/3, joint 0 a root and the parent of joint 1.
+  const Tensor logits = torch::zeros({1, 3, 3}, torch::kFloat64), mask = torch::tensor({{1, 1, 0}});
+  Tensor truth = torch::zeros({1, 3, 3}, torch::kFloat64);
+  truth[0][0][0] = 1.0;
+  truth[0][1][0] = 1.0;
+  const double by_hand = -(2.0 * std::log(1.0 / 3.0) + 2.0 * std::log(2.0 / 3.0)) / 4.0;
+  EXPECT_NEAR(connectivity_bce(logits, truth, mask).item<double>(), by_hand, 1e-12);
+  const double of_all = -(2.0 * std::log(1.0 / 3.0) + 7.0 * std::log(2.0 / 3.0)) / 9.0;
+  EXPECT_NEAR(connectivity_bce(logits, truth).item<double>(), of_all, 1e-12);
+  EXPECT_THROW(connectivity_bce(logits, truth, torch::ones({1, 2})), InputError);
+
+  // Certain and wrong: finite, and so is the gradient.
+  const Tensor certain = (200.0 * torch::eye(3, torch::kFloat64)).unsqueeze(0).requires_grad_();
+  connectivity_bce(certain, truth).backward();
+  EXPECT_TRUE(torch::isfinite(certain.grad()).all().item<bool>());
+}
+
+TEST(AnymateConnectivity, ColumnsAsChildrenSwapTheBranches) {
+  torch::manual_seed(12);
+  const torch::NoGradGuard no_grad;
+  const Tensor latents = torch::randn({1, 5, 24}), joints = torch::rand({1, 6, 3});
+  HeadOptions options;
+  options.width = 24;
+  options.heads = 2;
+  const auto compare = [&](ConnectivityImpl& head) {
+    const Tensor rows = head.forward(latents, joints);
+    head.columns_are_children(true);
+    EXPECT_TRUE(torch::equal(head.forward(latents, joints), rows.transpose(1, 2)));
+    head.columns_are_children(false);
+    EXPECT_TRUE(torch::equal(head.forward(latents, joints), rows));
+  };
+  compare(*TwoBranchConnectivity(options));
+  compare(*TokenConnectivity(options, 1, 8));
+
+  // Masked joints are no parents, whichever side the children are on.
+  TwoBranchConnectivity masked(options);
+  masked->columns_are_children(true);
+  const Tensor logits = masked->forward(latents, joints, torch::tensor({{1, 1, 1, 1, 0, 0}}));
+  EXPECT_LT(logits.slice(2, 4).max().item<double>(), -1e7);
+  EXPECT_GT(logits.slice(2, 0, 4).min().item<double>(), -1e7);
+}
+
 TEST(AnymateConnectivity, PaddedJointsChangeNothing) {
   torch::manual_seed(11);
   const torch::NoGradGuard no_grad;

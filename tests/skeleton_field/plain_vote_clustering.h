@@ -18,11 +18,13 @@ class PlainVoteClustering {
     const skeleton_field::Votes votes = confident(all, options.confidence_threshold);
     if (votes.joints.empty()) return nothing_confident(all);
     std::vector<Eigen::Vector3f> positions = votes.joints;
-    for (int round = 0; round < options.max_iterations; ++round) {
+    const bool paper = options.form == skeleton_field::MeanShiftForm::kPaper;
+    for (int round = 0; round < (paper ? 10 : options.max_iterations); ++round) {
       const std::vector<Eigen::Vector3f> before = positions;
       float farthest = 0.0F;
       for (std::size_t i = 0; i < before.size(); ++i) {
-        positions[i] = shifted(before, votes.joint_confidence, i, options);
+        positions[i] = paper ? mean_within(before, votes.joint_confidence, i, options.bandwidth)
+                             : shifted(before, votes.joint_confidence, i, options);
         farthest = std::max(farthest, std::sqrt(squared(positions[i], before[i])));
       }
       if (farthest <= 0.1F * options.bandwidth) break;
@@ -123,6 +125,18 @@ class PlainVoteClustering {
       sum += weight * positions[k];
     }
     return total > 0.0F ? Eigen::Vector3f(sum / (total + 1e-8F)) : positions[i];
+  }
+
+  static Eigen::Vector3f mean_within(const std::vector<Eigen::Vector3f>& positions,
+                                     const std::vector<float>& confidence, std::size_t i, float radius) {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    double total = 0.0;
+    for (std::size_t k = 0; k < positions.size(); ++k) {
+      if (std::sqrt(squared(positions[k], positions[i])) > radius) continue;
+      sum += static_cast<double>(confidence[k]) * positions[k].cast<double>();
+      total += static_cast<double>(confidence[k]);
+    }
+    return (sum / total).cast<float>();
   }
 
   static Eigen::Vector3f mean(const std::vector<Eigen::Vector3f>& positions, const std::vector<float>& confidence,

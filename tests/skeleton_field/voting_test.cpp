@@ -121,6 +121,38 @@ TEST(VoteClustering, LeavesOutTheNeighbourOfLowestIndex) {
   EXPECT_NEAR(skeleton.joints[0].x(), 0.003F, 1e-7F);
 }
 
+// By hand, h = 0.01: a chain of three votes 0.008 apart with confidences 1, 1, 0.5. The first round moves them to
+// (0 + 8)/2 = 4, (0 + 8 + 0.5·16)/2.5 = 6.4 and (8 + 0.5·16)/1.5 = 10.6667 thousandths. All are then within h of each
+// other, and the second round takes all to (4 + 6.4 + 0.5·10.6667)/2.5 = 6.2933: one joint at the weighted mean of the
+// votes themselves, (0 + 8 + 0.5·16)/2.5 = 6.4.
+TEST(VoteClustering, ThePapersFormAveragesAllVotesWithinTheBandwidth) {
+  Votes votes;
+  votes.joints = {{0, 0, 0}, {0.008F, 0, 0}, {0.016F, 0, 0}};
+  votes.parents = votes.joints;
+  votes.joint_confidence = {1.0F, 1.0F, 0.5F};
+  MeanShiftOptions options;
+  options.form = MeanShiftForm::kPaper;
+  const GroupedSkeleton paper = mean_shift_grouping(votes, options);
+  ASSERT_EQ(paper.joints.size(), 1u);
+  EXPECT_NEAR(paper.joints[0].x(), 0.0064F, 1e-7F);
+  const Votes many = drawn_votes(700, 12, 0.006, 700);
+  options.form = MeanShiftForm::kPublished;
+  const GroupedSkeleton published = mean_shift_grouping(many, options);
+  expect_same(published, mean_shift_grouping(many), "the published form is the default");
+  options.form = MeanShiftForm::kPaper;
+  EXPECT_NE(mean_shift_grouping(many, options).joints, published.joints);
+}
+
+TEST(VoteClustering, ThePapersFormIsComparingAllPairs) {
+  for (const std::size_t count : {2u, 40u, 700u}) {
+    const Votes votes = drawn_votes(count, 12, 0.006, count);
+    MeanShiftOptions options;
+    options.form = MeanShiftForm::kPaper;
+    options.max_iterations = 0;  // of the published form alone
+    expect_same(mean_shift_grouping(votes, options), Plain::mean_shift(votes, options), std::to_string(count));
+  }
+}
+
 TEST(VoteClustering, EmptyAndHopelessVotes) {
   EXPECT_TRUE(mean_shift_grouping({}).joints.empty());
   EXPECT_TRUE(mean_shift_grouping({}).parents.empty());

@@ -129,6 +129,28 @@ TEST(SparseStructureAutoEncoder, FreshBlocksAreTheIdentity) {
   EXPECT_GT(wider->forward(x).abs().max().item<double>(), 0.0);
 }
 
+TEST(SparseStructureAutoEncoder, LatentsOnTheSphereOfEitherNorm) {
+  SparseStructureEncoderOptions options = small_coder_encoder();
+  options.latent_denoising = options.normalize_z = true;
+  options.normalize_scale = 2.0;
+  const Tensor x = random_occupancy(1, 8, 0.3);
+  const auto latents = [&](const char* norm) {
+    options.normalize_norm = norm;
+    torch::manual_seed(5);
+    SparseStructureEncoder encoder(options);
+    shake(encoder);
+    const torch::NoGradGuard no_grad;
+    return encoder->forward(x, x);
+  };
+  const auto l2 = latents("l2"), l1 = latents("l1");
+  for (const auto& [of_l1, of_l2] : {std::pair{l1.z, l2.z}, {l1.z_skl, l2.z_skl}}) {
+    EXPECT_TRUE(torch::allclose(of_l1.norm(1, 1), torch::full_like(of_l1.norm(1, 1), 2.0), 1e-5));
+    EXPECT_TRUE(torch::allclose(of_l2.norm(2, 1), torch::full_like(of_l2.norm(2, 1), 2.0), 1e-5));
+    // Directions are those of the same weights.
+    EXPECT_TRUE(torch::allclose(2.0 * unit_latents(of_l1), of_l2, 1e-4, 1e-5));
+  }
+}
+
 TEST(SparseStructureAutoEncoder, FreezesTheShapeStreamOnly) {
   SparseStructureEncoderOptions options = small_coder_encoder();
   options.use_pretrain_branch = true;

@@ -314,6 +314,15 @@ TEST(StructuredLatentVariant, NormsAndConfidencesAreThoseItNames) {
   const Tensor l1 = renormalized(z, encoder, LatentNorm::kL1);
   EXPECT_NEAR(l1[0].abs().sum().item<double>(), 1.0, 1e-6);
   EXPECT_EQ(l1[1].abs().sum().item<double>(), 0.0);
+  StructuredLatentVariant variant;
+  variant.latent_norm = LatentNorm::kL1;
+  EXPECT_TRUE(torch::equal(geometry_latent(z, encoder, variant), z)) << "a posterior stays";
+  variant.geometry_dae = true;
+  EXPECT_TRUE(torch::equal(geometry_latent(2.0 * z, encoder, variant), l1));
+  variant.latent_norm = LatentNorm::kL2;
+  EXPECT_TRUE(torch::allclose(geometry_latent(2.0 * z, encoder, variant), z));
+  variant.latent_norm = LatentNorm::kNone;
+  EXPECT_TRUE(torch::equal(geometry_latent(2.0 * z, encoder, variant), 2.0 * z));
 
   skeleton_field::SkeletonField field;
   field.conf_j = torch::linspace(-3.0F, 3.0F, 200).unsqueeze(1);
@@ -331,6 +340,10 @@ TEST(StructuredLatentVariant, ContradictionsAreErrors) {
     ConfigReader reader(args, "config.json", "/trainer/args");
     return StructuredLatentVariant::read(reader, decoder, "published");
   };
+  EXPECT_EQ(read(Json::object()).grouping, skeleton_field::MeanShiftForm::kPublished);
+  EXPECT_EQ(read({{"grouping", "paper"}}).grouping, skeleton_field::MeanShiftForm::kPaper);
+  EXPECT_EQ(in_form_of({}, read({{"grouping", "paper"}})).form, skeleton_field::MeanShiftForm::kPaper);
+  EXPECT_TRUE(read({{"geometry_latent", "dae"}}).geometry_dae);
   EXPECT_EQ(read(Json::object()).confidence, skeleton_field::FieldConfidence::kExplicit);
   EXPECT_THROW(read({{"confidence", "bayesian"}}), InputError);
   EXPECT_THROW(read({{"confidence", "none"}}), InputError);

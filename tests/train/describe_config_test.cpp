@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 
 std::vector<fs::path> shipped_configs() {
   std::vector<fs::path> files;
-  for (const char* folder : {"published", "tiny", "tiny32", "small", "anymate_tiny", "rignet_tiny"}) {
+  for (const char* folder : {"published", "paper", "tiny", "tiny32", "small", "anymate_tiny", "rignet_tiny"}) {
     for (const auto& entry : fs::directory_iterator(test::source_dir() / "configs" / folder))
       if (entry.path().extension() == ".json") files.push_back(entry.path());
   }

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -181,6 +182,11 @@ void add_clustering_options(CLI::App& app, MeanShiftOptions& clustering) {
   add_option(app, "--cluster-min-votes", clustering.min_cluster_size)
       ->check(whole_number(1, 1'000'000))
       ->default_str("");
+  using Form = decltype(clustering.form);
+  const auto word = std::make_shared<std::string>();
+  add_option(app, "--cluster-algorithm", *word)->each([word, &clustering](const std::string& chosen) {
+    clustering.form = chosen == "paper" ? Form::kPaper : Form::kPublished;
+  });
 }
 
 /// Prints a program's result on standard output: with --json as JSON, else as text.

@@ -125,6 +125,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--skin", 0, "nearest|geovoxel|heat|learned|none", "Mesh and skeleton", "Binding, other than the method's; learned: heat and geodesic voxels corrected by a network; none: the skeleton alone", ""},
     {"--geovoxel-resolution", 0, "N", "Mesh and skeleton", "For geovoxel: voxels along the mesh's longest side", "rig:--resolution"},
     {"--falloff", 0, "X", "Mesh and skeleton", "For geovoxel: from weights like 1/d² (0) to weights like 1/d⁴ (1)", ""},
+    {"--cluster-algorithm", 0, "published|paper", "Mesh and skeleton", "Form of Algorithm 1 that groups votes to joints: the released code's, or the paper's [as the run's config says]", ""},
     {"--cluster-bandwidth", 0, "X", "Mesh and skeleton", "Cluster votes for joints within this distance, in units of the box [as fitted for the run, else 0.01]", "generate:--grouping-bandwidth encode:--grouping-bandwidth"},
     {"--cluster-min-votes", 0, "N", "Mesh and skeleton", "Clusters of fewer votes are no joint, unless none would be left [as fitted for the run, else 5]", "generate:--grouping-least-votes encode:--grouping-least-votes"},
     {"--true-skeleton", 0, "", "Mesh and skeleton", "Decode weights for the asset's own skeleton", ""},

@@ -143,6 +143,10 @@ void evaluate_oracle(const EvalArguments& arguments, const CommonOptions& common
   skeleton_field::MeanShiftOptions& grouping = generation.models.grouping;
   grouping.bandwidth = arguments.cluster_bandwidth.value_or(0.0F);
   grouping.min_cluster_size = arguments.cluster_min_votes.value_or(0);
+  if (!arguments.cluster_algorithm.empty()) {
+    using Form = skeleton_field::MeanShiftForm;
+    grouping.form = arguments.cluster_algorithm == "paper" ? Form::kPaper : Form::kPublished;
+  }
   generate::GenerationOptions& sampling = generation.sampling;
   sampling.seed = common.seed.value_or(sampling.seed);
   sampling.structure.steps = arguments.steps;

@@ -141,7 +141,10 @@ class AnymateStage final
       case anymate::Task::kConnectivity: {
         const Tensor logits = model_->decoder<anymate::ConnectivityImpl>().forward(latents, collated.joints.to(device_),
                                                                                    collated.joints_mask.to(device_));
-        return one_loss("ce", anymate::connectivity_loss(logits, collated.conns.to(device_)));
+        const Tensor parents = collated.conns.to(device_);
+        if (options_.connectivity_loss == "bce")
+          return one_loss("bce", anymate::connectivity_bce(logits, parents, collated.joints_mask.to(device_)));
+        return one_loss("ce", anymate::connectivity_loss(logits, parents));
       }
       case anymate::Task::kSkinning: {
         const std::int64_t points = collated.points_cloud.size(1);
@@ -208,6 +211,7 @@ void AnymateStageOptions::fields(ConfigFields& f) {
   f("skin_points", skin_points, {1, 1 << 20});
   f("field_cells", field_cells, {1, 1 << 18});
   f("eval_max_assets", eval_max_assets, {0});
+  f("connectivity_loss", connectivity_loss, {"ce", "bce"});
   f("pretrained_encoder", pretrained_encoder);
 }
 

@@ -26,6 +26,7 @@ struct AnymateStageOptions : JsonOptions<AnymateStageOptions> {
   std::int64_t skin_points = 1024;         ///< of the sampled points, in a step of skinning
   std::int64_t field_cells = 50000;        ///< of the cells inside, in a step of a field
   std::int64_t eval_max_assets = 0;        ///< held-out assets to look at; 0: all
+  std::string connectivity_loss = "ce";    ///< ours: or "bce" (connectivity_bce)
   std::string pretrained_encoder;          ///< ours: load_pretrained_encoder()'s path; empty: from random weights
 
   void fields(ConfigFields& f);

@@ -17,9 +17,10 @@ constexpr int kBetweenSteps = 5;
 Tensor occupied_grid(const Tensor& values) { return (values[0][0] > 0).to(torch::kCPU); }
 
 // On the way from a to b; latents of the unit sphere stay on their sphere.
-Tensor latent_between(const Tensor& a, const Tensor& b, double share, bool on_sphere, double radius) {
+Tensor latent_between(const Tensor& a, const Tensor& b, double share, bool on_sphere,
+                      const sparse_structure::SparseStructureEncoderOptions& coder) {
   const Tensor z = torch::lerp(a, b, share);
-  return on_sphere ? radius * sparse_structure::unit_latents(z) : z;
+  return on_sphere ? coder.normalize_scale * sparse_structure::unit_latents(z, coder.norm_order()) : z;
 }
 
 void unfreeze(sparse_structure::SparseStructureCoderOptions& options) {
@@ -191,10 +192,9 @@ void SparseStructureAutoEncoderStage::sample(const std::filesystem::path& folder
     sparse_structure::VoxelSheetRow strip{short_id(made[i].id) + " to " + short_id(made[i + 1].id), {}};
     for (int step = 0; step < kBetweenSteps; ++step) {
       const double share = static_cast<double>(step) / (kBetweenSteps - 1);
-      const Tensor z =
-          latent_between(a.z, b.z, share, coder.latent_denoising && coder.normalize_z, coder.normalize_scale);
-      const Tensor z_skl = latent_between(a.z_skl, b.z_skl, share, coder.latent_denoising_skl && coder.normalize_z_skl,
-                                          coder.normalize_scale);
+      const Tensor z = latent_between(a.z, b.z, share, coder.latent_denoising && coder.normalize_z, coder);
+      const Tensor z_skl =
+          latent_between(a.z_skl, b.z_skl, share, coder.latent_denoising_skl && coder.normalize_z_skl, coder);
       const auto logits = decoder_->forward(z, z_skl);
       strip.cells.push_back({occupied_grid(logits.shape), occupied_grid(logits.skeleton)});
     }

@@ -166,20 +166,23 @@ StructuredLatentAutoEncoderStage::Inputs StructuredLatentAutoEncoderStage::input
   return inputs;
 }
 
-// Posterior means without a generator. Of the two parts of z only the parts are normalised: see streams_of().
+// Posterior means without a generator, and of a geometry that is no posterior. Of the two parts of z only the parts are
+// normalised: see streams_of().
 StructuredLatentAutoEncoderStage::Latents StructuredLatentAutoEncoderStage::encode(const Inputs& inputs,
                                                                                    at::Generator* generator) {
   const structured_latent::StructuredLatentEncoderOptions& coder = coders_.encoder;
   std::vector<Tensor> noise;
   if (generator != nullptr) {
     const std::int64_t rows = inputs.x.support->size(), rows_skl = inputs.x_skl.support->size();
-    noise.push_back(normal_draws({rows, coder.latent_channels}, *generator, device_));
+    noise.push_back(options_.variant.geometry_dae ? torch::zeros({rows, coder.latent_channels}, device_)
+                                                  : normal_draws({rows, coder.latent_channels}, *generator, device_));
     if (!coder.latent_denoising) {
       noise.push_back(normal_draws({rows, coder.latent_channels_vertskin}, *generator, device_));
       noise.push_back(normal_draws({rows_skl, coder.latent_channels_skl}, *generator, device_));
     }
   }
   Latents latents = encoder_->forward(inputs.x, inputs.x_skl, inputs.rigs, noise);
+  latents.z_geometry = structured_latent::geometry_latent(latents.z_geometry, coder, options_.variant);
   latents.z_skin = structured_latent::renormalized(latents.z_skin, coder, options_.variant.latent_norm);
   latents.z_skl.feats = structured_latent::renormalized(latents.z_skl.feats, coder, options_.variant.latent_norm);
   return latents;
@@ -246,8 +249,12 @@ Losses StructuredLatentAutoEncoderStage::losses(const data::Batch& batch, const 
   structured_latent::PerStream<SparseTensor> z = streams_of(latents);
   if (options_.noise.enabled) {
     z.skin.feats = noised(z.skin.feats, *z.skin.support, options_.noise, context.step, generator);
+    if (options_.variant.geometry_dae)
+      z.geometry.feats = noised(z.geometry.feats, *z.geometry.support, options_.noise, context.step, generator);
   } else if (!options_.frozen_encoder) {
-    sum.add("kl", sparse_structure::posterior_kl(latents.mean, latents.logvar), options_.lambda_kl);
+    const std::int64_t first = options_.variant.geometry_dae ? coders_.encoder.latent_channels : 0;
+    sum.add("kl", sparse_structure::posterior_kl(latents.mean.slice(1, first), latents.logvar.slice(1, first)),
+            options_.lambda_kl);
   }
   if (options_.noise_skl.enabled) {
     z.skeleton.feats = noised(z.skeleton.feats, *z.skeleton.support, options_.noise_skl, context.step, generator);

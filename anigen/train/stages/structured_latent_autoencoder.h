@@ -30,7 +30,7 @@ struct StructuredLatentAutoEncoderStageOptions {
       geometry;                           ///< `depth_loss_type`, `lambda_depth`, `_tsdf`, `_color`, `_ssim`, `_lpips`
   structured_latent::RigLossOptions rig;  ///< `lambda_joints`, `lambda_parents`, `lambda_skin_…`, `alpha_conf_…`
   double lambda_kl = 1e-3, lambda_kl_skl = 1e-3;  ///< of the posterior's divergence, where a latent gets no noise
-  LatentDenoising noise;      ///< `latent_*`: of the skin latent; the geometry latent never gets any
+  LatentDenoising noise;  ///< `latent_*`: of the skin latent, and of the geometry's where the variant is geometry_dae
   LatentDenoising noise_skl;  ///< `latent_*_skl`
   // Ours.
   /// Of an asset without a surface, which no picture can pull back: its tsdf_loss over the squared truncation.

@@ -186,12 +186,8 @@ StructuredLatentAutoEncoderStageOptions StructuredLatentAutoEncoderStageOptions:
   f("alpha_conf_p", rig.skeleton.alpha_conf_p, {0.0});
   f("lambda_kl", options.lambda_kl, {0.0});
   f("lambda_kl_skl", options.lambda_kl_skl, {0.0});
-  const bool says_noise = args.has("latent_denoising"), says_noise_skl = args.has("latent_denoising_skl");
   options.noise.fields(f, "");
   options.noise_skl.fields(f, "_skl");
-  // The paper's latents are all those of a denoising auto-encoder.
-  if (paper && !says_noise) options.noise.enabled = true;
-  if (paper && !says_noise_skl) options.noise_skl.enabled = true;
   for (const char* key : {"loss_type", "regularizations"}) args.ignore(key);
 
   for (const std::string& path : args.texts("lpips_weights", {})) options.lpips_weights.emplace_back(path);
@@ -220,7 +216,7 @@ StructuredLatentAutoEncoderStage::Reconstruction StructuredLatentAutoEncoderStag
                      ? made.inputs.skeletons.front()
                      : skeleton_field::group_votes(
                            structured_latent::for_grouping(made.decoded.skeletons.front(), options_.variant.confidence),
-                           coders_.decoder.grouping_strategy);
+                           coders_.decoder.grouping_strategy, structured_latent::in_form_of({}, options_.variant));
   return made;
 }
 

@@ -6,6 +6,7 @@
 #include "anigen/anymate/dataset.h"
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/table.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/init.h"
@@ -236,6 +237,27 @@ TEST_F(AnymateRun, EveryDecoderTrainsAndIsEvaluated) {
       has_metric |= name.find(one.metric) != std::string::npos && std::isfinite(value);
     EXPECT_TRUE(has_metric) << output << " has no " << one.metric;
   }
+}
+
+// "paper" changes the loss and the sides of a connectivity's matrix; "published" nothing, bit for bit.
+TEST_F(AnymateRun, ThePapersConnectivityIsASwitch) {
+  const auto run = [&](const std::string& output, const std::string& decoder, const std::string& more) {
+    std::vector<std::string> overrides = of("bert", decoder);
+    if (!more.empty()) overrides.push_back(more);
+    train(test::train_command(folder_, output, overrides));
+    return read_file(folder_ / output / "ckpts/model_step0000006.safetensors");
+  };
+  const std::string plain = run("plain", "attendjoints_con_combine", "");
+  EXPECT_EQ(run("published", "attendjoints_con_combine", "trainer.args.compatibility=published"), plain);
+  EXPECT_NE(run("paper", "attendjoints_con_combine", "trainer.args.compatibility=paper"), plain);
+  EXPECT_EQ(last_values("paper").count("loss.bce"), 1u);
+  EXPECT_EQ(last_values("paper").count("loss.ce"), 0u);
+  const Json config = read_json(folder_ / "paper/config.json");
+  EXPECT_EQ(config["models"]["model"]["args"]["children"], "columns");
+  EXPECT_EQ(config["trainer"]["args"]["connectivity_loss"], "bce");
+  // Other tasks have one form.
+  EXPECT_EQ(run("joints_paper", "transformer_latent", "trainer.args.compatibility=paper"),
+            run("joints", "transformer_latent", ""));
 }
 
 TEST_F(AnymateRun, SamplingWritesTheMetricsOfEachAsset) {

@@ -131,6 +131,33 @@ TEST_F(BallRun, ResumedRunsEndWithTheSameBits) {
   }
 }
 
+// "paper" puts both latents on the ℓ1 sphere and noise on both; "published" changes no bit.
+TEST_F(BallRun, ThePapersLatentsAreASwitch) {
+  const std::string file = "ckpts/encoder_step0000008.safetensors";
+  train(command("plain"));
+  train(command("published", {"trainer.args.compatibility=published"}));
+  EXPECT_EQ(bytes("published/" + file), bytes("plain/" + file));
+  train(command("paper", {"trainer.args.compatibility=paper"}));
+  EXPECT_TRUE(read_csv(folder_ / "plain/metrics.csv").column("loss.kl") != CsvTable::kMissing);
+  EXPECT_EQ(read_csv(folder_ / "paper/metrics.csv").column("loss.kl"), CsvTable::kMissing) << "no posterior is left";
+  // The run's config says all of it to those who use the models.
+  const Json config = read_json(folder_ / "paper/config.json");
+  auto encoder = nn::load_trained<sparse_structure::SparseStructureEncoder>(
+      nn::find_run_model(folder_ / "paper", sparse_structure::kSparseStructureEncoderClass), torch::kCPU);
+  const auto latents = encoder->forward(torch::ones({1, 1, 16, 16, 16}), torch::ones({1, 1, 16, 16, 16}));
+  for (const torch::Tensor& z : {latents.z, latents.z_skl})
+    EXPECT_TRUE(torch::allclose(z.norm(1, 1), torch::ones_like(z.norm(1, 1)), 1e-4));
+  const Json& args = config["trainer"]["args"];
+  EXPECT_EQ(args["latent_time_max"], 0.75);
+  EXPECT_EQ(args["latent_time_max_skl"], 0.25) << "what a config says stays";
+  EXPECT_EQ(args["latent_achive_max_step"], 8);
+
+  // A frozen shape keeps its latents, which the pretrained weights are of.
+  write_pretrained();
+  train(command("frozen", frozen({"trainer.args.compatibility=paper"})));
+  EXPECT_TRUE(read_csv(folder_ / "frozen/metrics.csv").column("loss.kl") != CsvTable::kMissing);
+}
+
 TEST_F(BallRun, ResumedRunsNeedNoWarmStartFiles) {
   write_pretrained();
   train(command("run", frozen({"trainer.args.max_steps=3", finetune("encoder", "encoder_skl.safetensors")})));

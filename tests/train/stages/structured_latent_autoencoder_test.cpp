@@ -228,6 +228,32 @@ TEST_F(PostRun, VariantsTrain) {
   EXPECT_TRUE(has_column("variant4", "loss.kl_skl"));
 }
 
+// "paper" makes all three latents those of a denoising auto-encoder on the ℓ1 sphere; "published" changes no bit.
+TEST_F(PostRun, ThePapersLatentsAreASwitch) {
+  const std::string file = "ckpts/encoder_step0000004.safetensors";
+  train(command("plain"));
+  train(command("published", {"trainer.args.compatibility=published"}));
+  EXPECT_EQ(bytes("published/" + file), bytes("plain/" + file));
+  train(command("paper", {"trainer.args.compatibility=paper"}));
+  EXPECT_NE(bytes("paper/" + file), bytes("plain/" + file));
+  EXPECT_TRUE(has_column("plain", "loss.kl"));
+  EXPECT_FALSE(has_column("paper", "loss.kl")) << "no posterior is left";
+  const Json run = read_json(folder_ / "paper/config.json");
+  const auto variant = structured_latent::StructuredLatentVariant::of_run(run, coders().decoder, "config.json");
+  EXPECT_TRUE(variant.geometry_dae);
+  EXPECT_EQ(variant.latent_norm, structured_latent::LatentNorm::kL1);
+  EXPECT_EQ(variant.grouping, skeleton_field::MeanShiftForm::kPaper);
+  EXPECT_EQ(run["trainer"]["args"]["latent_denoising"], true);
+  EXPECT_EQ(run["trainer"]["args"]["latent_time_max"], 0.75);
+
+  // One switch alone: geometry noise changes what the encoder learns although its posterior draws nothing.
+  train(command("dae", {"trainer.args.geometry_latent=dae"}));
+  EXPECT_TRUE(has_column("dae", "loss.kl")) << "of the skin's latent, which gets no noise by itself";
+  write_pretrained();
+  train(command("frozen", frozen_shape({"trainer.args.compatibility=paper"})));
+  EXPECT_FALSE(read_json(folder_ / "frozen/config.json")["trainer"]["args"].contains("geometry_latent"));
+}
+
 TEST_F(PostRun, AFrozenShapeIsNotRenderedAndKeepsItsWarmStart) {
   write_pretrained();
   // Warm-started from nothing, the SkinAE's decoder of the joint variant is free to learn.
