@@ -226,11 +226,12 @@ Positions AnymateRigger::predicted(const io::RiggedShape& shape) {
   anymate::JointPrediction prediction;
   prediction.eps = options_.eps;
   prediction.train_steps = trained.train_steps;
-  prediction.denoised_joints = trained.denoised_joints;
+  prediction.denoised_joints =
+      options_.joints > 0 ? static_cast<std::int64_t>(options_.joints) : trained.denoised_joints;
   const anymate::Task task = anymate::task_of(trained.model->options().decoder);
   if (task == anymate::Task::kDenoisedJoints) {
     const at::Generator generator = nn::numbered_generator(options_.seed, "anymate noise", 0);
-    prediction.noise = torch::randn({1, trained.denoised_joints, 3}, generator).to(options_.device);
+    prediction.noise = torch::randn({1, prediction.denoised_joints, 3}, generator).to(options_.device);
   } else if (task == anymate::Task::kJointVolume) {
     prediction.cells = anymate::solid_cells(mesh);
   }

@@ -49,6 +49,7 @@ SkinWeights anymate_skin(const TrainedAnymateModel& skinning, const torch::Tenso
 struct AnymateRiggerOptions {
   std::int64_t points = 0;             ///< of the surface that encoders look at; 0: as many as each was trained with
   double eps = 0.0;                    ///< joints this near become one, in a box of side 2; 0: as released
+  std::size_t joints = 0;              ///< that a denoiser starts from, and so the most it finds; 0: as in training
   std::uint64_t seed = 0;              ///< of the points, and of what a denoiser starts from
   std::size_t most_influences = 4;     ///< joints per vertex; 0: any number
   torch::Device device = torch::kCPU;  ///< where the models are

@@ -117,6 +117,21 @@ TEST(AnymateRigger, EpsMergesJoints) {
   EXPECT_EQ(asset.skin.largest_row(), 1u);
 }
 
+TEST(AnymateRigger, ADenoiserStartsFromAsManyJointsAsAreWanted) {
+  const auto joints_of = [](const std::string& decoder, std::size_t wanted) {
+    AnymateRiggerOptions options;
+    options.eps = 1e-6;  // next to nothing merges
+    options.joints = wanted;
+    AnymateRigger rigger(small_models(decoder, "", ""), options);
+    return rigger.propose(bar(), given()).skeleton.size();
+  };
+  for (const char* decoder : {"Pointe_Diffusion", "Cross_Attention_Diffusion"}) {
+    EXPECT_EQ(joints_of(decoder, 5), 5u) << decoder;
+    EXPECT_EQ(joints_of(decoder, 17), 17u) << decoder;
+  }
+  EXPECT_EQ(joints_of(kJoints, 5), joints_of(kJoints, 0)) << "a regression has as many as it has";
+}
+
 TEST(AnymateRigger, GivenJointsKeepTheirPlacesAndNames) {
   const std::map<std::string, double> wanted = {{"hip", 0.5}, {"knee", 2.0}, {"foot", 3.5}};
   for (const char* decoder : {kConnectivity, "attendjoints_con_token"}) {

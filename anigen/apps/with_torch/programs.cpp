@@ -292,6 +292,7 @@ rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonO
     generate::AnymateRiggerOptions rigger;
     rigger.points = arguments.points;
     rigger.eps = arguments.joint_distance;
+    rigger.joints = arguments.request.edits.joints;
     rigger.seed = common.seed.value_or(0);
     rigger.most_influences = influences;
     rigger.device = device;
