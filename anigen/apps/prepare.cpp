@@ -26,7 +26,7 @@ prepare::FeatureExtractorFactory feature_factory() {
 struct Arguments {
   prepare::PrepareOptions options;
   std::vector<std::string> inputs, cleaning_changes;
-  std::string cleaning = "none", near_skeletons = "flag", split_by = "asset", shard, test_split;
+  std::string cleaning = "none", near_skeletons, split_by = "asset", shard, test_split;
   std::size_t procedural = 0, memory_mb = 0;
   std::string condition_cameras = "around";
   std::size_t stream = 0, shards = 4, stop_after = 0;
@@ -73,7 +73,8 @@ void add_step_options(CLI::App& app, Arguments& a) {
       ->delimiter(',');
   add_option(app, "--no-assets", a.skip_assets);
   add_option(app, "--augment", plan.variants)->check(whole_number(0, 10'000));
-  add_option(app, "--random-poses", a.random_poses);
+  CLI::Option* random_poses = add_option(app, "--random-poses", a.random_poses);
+  add_option(app, "--key-frames", plan.poses.key_frames)->excludes(random_poses);
   add_option(app, "--pose-probability", plan.poses.probability)->check(number(0, 1));
   add_option(app, "--pose-angle", plan.poses.max_angle)->check(number(0, 180));
   add_option(app, "--voxel-resolution", plan.resolution)->check(whole_number(2, 1024));
@@ -137,9 +138,11 @@ void refuse_ignored(const CLI::App& app, const Arguments& a) {
   if (!plan.wants("voxels") && !features)
     refuse_given(app, {"--voxel-resolution"}, "is of voxels, and --only leaves them out");
   if (plan.variants == 0 && app.get_option("--augment")->count() == 0) {
-    refuse_given(app, {"--random-poses", "--pose-probability", "--pose-angle"},
+    refuse_given(app, {"--random-poses", "--key-frames", "--pose-probability", "--pose-angle"},
                  "is of the variants of --augment, and none are made");
   }
+  if (plan.poses.key_frames)
+    refuse_given(app, {"--pose-probability", "--pose-angle"}, "is of random poses, and --key-frames makes none");
   if (!plan.steps.empty()) refuse_given(app, {"--no-assets"}, "--only says already what is made");
 }
 
@@ -161,7 +164,8 @@ prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
   options.plan.condition_views.front = a.condition_cameras == "front";
   options.plan.views.geometry = options.plan.condition_views.geometry = a.view_geometry;
   options.tables.split.by_skeleton = a.split_by == "skeleton";
-  options.tables.near_skeletons = parse_near_skeletons(a.near_skeletons);
+  options.tables.near_skeletons =
+      a.near_skeletons.empty() ? near_skeletons_of_preset(a.cleaning) : parse_near_skeletons(a.near_skeletons);
   options.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;
   options.run.shard = a.shard.empty() ? Shard{} : parse_shard(a.shard);
   options.run.log_level = common.quiet ? "error" : "warn";

@@ -7,6 +7,7 @@
 #include "anigen/geometry/embree.h"
 #include "anigen/geometry/fill_holes.h"
 #include "anigen/geometry/hidden_faces.h"
+#include "anigen/geometry/inside.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/geometry/primitives.h"

@@ -265,7 +265,7 @@ std::vector<CleaningFinding> clean(Asset& asset, const ReadQuality& quality, con
   drop_when(!vertices.empty(), "vertex_count", vertices);
   const std::string joints = broken_range("joints", asset.skeleton.size(), options.joints);
   drop_when(!joints.empty(), "joint_count", joints);
-  const double outside = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
+  const double outside = outside_share(asset.skeleton.positions(), asset.mesh);
   drop_when(outside > options.max_outside_share, "outside_mesh",
             significant(100 * outside, 3) + " % of the joints lie outside the mesh, at most " +
                 significant(100 * options.max_outside_share, 3) + " %");

@@ -36,7 +36,7 @@ enum class UnusedJoints { kKeep, kPruneLeaves, kPruneAll };
 /// every measure is recorded all the same and QualityLimits turn it into is_bad_skeleton and is_bad_skin.
 struct CleaningOptions : JsonOptions<CleaningOptions> {
   CountRange vertices, joints;
-  double max_outside_share = 1.0;     ///< of joints outside the mesh's bounding box
+  double max_outside_share = 1.0;     ///< of joints outside the mesh, see outside_share()
   double least_weight_sum = 0.0;      ///< of a vertex in the file; rows are divided by their sum in any case
   bool drop_duplicate_names = false;  ///< assets whose file gives one name to several joints
   DuplicateJoints duplicate_joints = DuplicateJoints::kKeep;
@@ -62,7 +62,7 @@ struct CleaningFinding {
   std::string rule;    ///< "vertex_count", "joint_count", "outside_mesh", "low_weight_sum",
                        ///< "duplicate_joint_names", "duplicate_joints", "unused_joints", "near_duplicate_skeleton"
   std::string action;  ///< "dropped", "changed" or "flagged"
-  std::string detail;  ///< figures and limit: "joints outside the bounding box: 81 %, at most 70 %"
+  std::string detail;  ///< figures and limit: "81 % of the joints lie outside the mesh, at most 70 %"
 };
 
 ANIGEN_JSON_RECORD(CleaningFinding, rule, action, detail)

@@ -118,15 +118,70 @@ CardTable counted(CardTable table, const std::map<std::string, std::size_t>& cou
   return table;
 }
 
+// Sum and largest of a count over assets.
+struct CountOverAssets {
+  std::size_t sum = 0, most = 0;
+
+  void add(std::size_t count) {
+    sum += count;
+    most = std::max(most, count);
+  }
+  std::string mean_and_most(std::size_t assets) const {
+    return fixed(static_cast<double>(sum) / static_cast<double>(assets), 1) + " / " + text(most);
+  }
+};
+
+// The assets of one source: a row of the table of sources.
+struct SourceSum {
+  std::string category;
+  std::size_t assets = 0, animated = 0;
+  CountOverAssets joints, bones, vertices;
+
+  void add(const AssetRecord& record) {
+    ++assets;
+    animated += record.animations > 0 ? 1 : 0;
+    joints.add(record.num_joints);
+    bones.add(record.num_joints - std::min<std::size_t>(1, record.num_joints));
+    vertices.add(record.num_vertices);
+  }
+  std::vector<std::string> cells(const std::string& name) const {
+    return {name,
+            text(assets),
+            category,
+            text(animated),
+            joints.mean_and_most(assets),
+            bones.mean_and_most(assets),
+            vertices.mean_and_most(assets)};
+  }
+};
+
+// A row per source, as the table of datasets of Anymate's paper has one per dataset, and one for all. Every asset has a
+// rig, so that there is no column for it.
 CardTable source_table(const DatasetRows& found) {
-  std::map<std::string, std::size_t> counts;
+  constexpr const char *kProcedural = "procedural:", *kNotStated = "not stated";
+  std::map<std::string, SourceSum> sums;
+  SourceSum all;
+  std::set<std::string> families;
   for (const DatasetRow& row : found.rows) {
     if (row.variant > 0) continue;
-    const std::string format =
-        row.entry.source.procedural() ? "" : std::string(", ") + io::name_of(row.entry.source.format);
-    ++counts[row.entry.record.source + format];
+    const AssetRecord& record = row.entry.record;
+    const bool procedural = row.entry.source.procedural();
+    SourceSum& sum = sums[record.source + (procedural ? "" : std::string(", ") + io::name_of(row.entry.source.format))];
+    const bool family = record.source.rfind(kProcedural, 0) == 0;
+    sum.category = family ? record.source.substr(std::string(kProcedural).size()) : kNotStated;
+    if (family) families.insert(sum.category);
+    sum.add(record);
+    all.add(record);
   }
-  return counted({"Sources", "", {"source", "assets"}, {}}, counts);
+  CardTable table{"Sources",
+                  "Bones are joints other than the root; joints, bones and vertices per asset: mean / most. Animated: "
+                  "with clips of its own.",
+                  {"source", "assets", "category", "animated", "joints", "bones", "vertices"},
+                  {}};
+  for (const auto& [name, sum] : sums) table.rows.push_back(sum.cells(name));
+  all.category = families.empty() ? kNotStated : text(families.size()) + " families";
+  if (sums.size() > 1) table.rows.push_back(all.cells("all"));
+  return table;
 }
 
 CardTable cleaning_table(const DatasetRows& found) {

@@ -297,6 +297,10 @@ void carry_over_columns(CsvTable& table, const CsvTable& earlier) {
   }
 }
 
+NearSkeletons near_skeletons_of_preset(const std::string& preset) {
+  return preset == "anymate" ? NearSkeletons::kDrop : NearSkeletons::kFlag;
+}
+
 NearSkeletons parse_near_skeletons(const std::string& word) {
   for (const NearSkeletons choice : {NearSkeletons::kIgnore, NearSkeletons::kFlag, NearSkeletons::kDrop}) {
     if (word == name_of(choice)) return choice;

@@ -26,6 +26,9 @@ void carry_over_columns(CsvTable& table, const CsvTable& earlier);
 enum class NearSkeletons { kIgnore, kFlag, kDrop };
 NearSkeletons parse_near_skeletons(const std::string& word);  ///< ignore, flag, drop @throws InputError
 const char* name_of(NearSkeletons choice);
+/// Choice of a preset of cleaning rules: Anymate's data are free of redundant assets (docs/reference/anymate.md, 1.1),
+/// so "anymate" drops; all others flag. @param preset as cleaning_preset()
+NearSkeletons near_skeletons_of_preset(const std::string& preset);
 
 /// One line of metadata.csv.
 struct DatasetEntry {

@@ -56,6 +56,7 @@ std::vector<std::optional<std::size_t>> near_duplicates(const std::vector<Skelet
 struct AssetRecord {
   std::string source;  ///< "real" or "procedural:<family>"
   std::size_t num_joints = 0, num_vertices = 0, num_faces = 0;
+  std::size_t animations = 0;      ///< clips of the file
   std::size_t max_influences = 0;  ///< of any vertex
   std::size_t invented_rows = 0;   ///< vertices without usable weights in the file
   double closest_bones = 0;        ///< see closest_bones()
@@ -69,7 +70,7 @@ struct AssetRecord {
   SkeletonDescriptor skeleton;            ///< for near_duplicates() over a whole dataset
 };
 
-ANIGEN_JSON_RECORD(AssetRecord, source, num_joints, num_vertices, num_faces, max_influences, invented_rows,
+ANIGEN_JSON_RECORD(AssetRecord, source, num_joints, num_vertices, num_faces, animations, max_influences, invented_rows,
                    closest_bones, outside_share, lowest_weight_sum, repeated_names, scale, offset, repairs, findings,
                    skeleton)
 

@@ -7,6 +7,8 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <numeric>
+#include <set>
 #include <unordered_map>
 #include <utility>
 
@@ -247,6 +249,9 @@ OwnMotion::OwnMotion(const Asset& asset, double least_motion) : asset_(&asset) {
     }
     if (problem.empty()) {
       total_way_ += clip.way.back();
+      std::set<double> times;
+      for (const Channel& channel : animation.channels) times.insert(channel.times.begin(), channel.times.end());
+      for (const double time : times) key_frames_.emplace_back(c, time);
       clips_.push_back(std::move(clip));
     } else {
       unused_.push_back(animation.name + ": " + problem);
@@ -270,6 +275,14 @@ MotionPose OwnMotion::at(double place) const {
   const double from = time_at(clip.begin, clip.end, after - 1), to = time_at(clip.begin, clip.end, after);
   result.time = result.second_time = from + s * (to - from);
   result.pose = sample(asset_->animations[clip.index], asset_->skeleton, result.time);
+  return result;
+}
+
+MotionPose OwnMotion::key_frame(std::size_t i) const {
+  MotionPose result;
+  result.clip = key_frames_[i].first;
+  result.time = result.second_time = key_frames_[i].second;
+  result.pose = sample(asset_->animations[result.clip], asset_->skeleton, result.time);
   return result;
 }
 
@@ -298,13 +311,20 @@ void PoseAugmentation::validate() const {
   in_range("probability", probability, 0.0, 1.0, "0 … 1");
   in_range("max_angle", max_angle, 0.0, 180.0, "0 … 180 degrees");
   in_range("attempts", attempts, 1.0, kMostAttempts, "1 … 1000");
+  if (key_frames && !own_motion) throw InputError("", "key_frames", "are of the asset's own motion, which is off");
   limits.validate();
 }
 
 std::string variant_id(const std::string& source_id, std::uint64_t seed, std::size_t k,
                        const PoseAugmentation& options) {
   return sha256("pose/" + std::to_string(kPoseRecipe) + "/" + source_id + "/" + std::to_string(seed) + "/" +
-                std::to_string(k) + "/" + Json(options).dump());
+                std::to_string(k) + "/" + settings_of(options).dump());
+}
+
+Json settings_of(const PoseAugmentation& options) {
+  Json json = options;
+  if (options.key_frames) json["key_frames"] = true;
+  return json;
 }
 
 /// A pose that was drawn, before anyone looked at it.
@@ -329,7 +349,21 @@ PoseAugmenter::PoseAugmenter(const Asset& normalised, std::string source_id, std
       checks_(normalised.mesh),
       bind_(bind_pose(normalised.skeleton)),
       motion_(normalised, options_.least_motion),
-      first_place_(Rng(seed, "first place of " + source_id_).uniform()) {}
+      first_place_(Rng(seed, "first place of " + source_id_).uniform()),
+      frame_order_(motion_.key_frames()) {
+  std::iota(frame_order_.begin(), frame_order_.end(), std::size_t{0});
+  Rng rng(seed, "order of key frames of " + source_id_);
+  for (std::size_t i = frame_order_.size(); i > 1; --i) std::swap(frame_order_[i - 1], frame_order_[rng.index(i)]);
+}
+
+// The first draw keeps its place in the even spread over the motion, or in the order of key frames; only those after a
+// rejection roam.
+MotionPose PoseAugmenter::own_pose(std::size_t k, int attempt, Rng& rng) const {
+  if (options_.key_frames) return motion_.key_frame(attempt > 0 ? rng.index(frame_order_.size()) : frame_order_[k]);
+  const double place = attempt > 0 ? rng.uniform() : first_place_ + static_cast<double>(k) * kGoldenRatio;
+  const MotionPose pose = motion_.at(place - std::floor(place));
+  return rng.chance(options_.blend_probability) ? motion_.blended(pose, rng) : pose;
+}
 
 PoseAugmenter::Draw PoseAugmenter::draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const {
   Rng rng(seed_, to_string(kind) + " pose " + std::to_string(k) + " of " + source_id_,
@@ -345,10 +379,7 @@ PoseAugmenter::Draw PoseAugmenter::draw(PoseKind kind, std::size_t k, int attemp
     for (const double angle : turns.angles) draw.count_turn(angle * kDegrees);
     return draw;
   }
-  // The first draw keeps its place in the even spread over the motion; only those after a rejection roam.
-  const double place = attempt > 0 ? rng.uniform() : first_place_ + static_cast<double>(k) * kGoldenRatio;
-  MotionPose motion = motion_.at(place - std::floor(place));
-  if (rng.chance(options_.blend_probability)) motion = motion_.blended(motion, rng);
+  const MotionPose motion = own_pose(k, attempt, rng);
   provenance.clip = asset_->animations[motion.clip].name;
   provenance.time = motion.time;
   provenance.second_time = motion.second_time;
@@ -379,7 +410,14 @@ std::optional<Asset> PoseAugmenter::variant(std::size_t k, Provenance& provenanc
   provenance.seed = seed_;
   provenance.k = k;
   provenance.unused_clips = motion_.unused();
+  if (options_.key_frames && k >= frame_order_.size()) {
+    provenance.kind = PoseKind::kAnimation;
+    provenance.rejections.push_back("animation: the asset's clips have " + std::to_string(frame_order_.size()) +
+                                    " key frames that can be used");
+    return std::nullopt;
+  }
   for (const PoseKind kind : {PoseKind::kAnimation, PoseKind::kRandom}) {
+    if (kind == PoseKind::kRandom && options_.key_frames) continue;
     if (kind == PoseKind::kAnimation && (!options_.own_motion || motion_.empty())) continue;
     provenance.kind = kind;
     for (int attempt = 0; attempt < options_.attempts; ++attempt) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
@@ -56,6 +57,9 @@ class OwnMotion {
   MotionPose at(double place) const;
   /// `first`, moved towards a pose at a time uniform in the same clip by a blend uniform in [0, ½).
   MotionPose blended(const MotionPose& first, Rng& rng) const;
+  /// Poses at the times of keys, of any channel, of the clips that are used: each time once, clip by clip.
+  std::size_t key_frames() const { return key_frames_.size(); }
+  MotionPose key_frame(std::size_t i) const;  ///< @pre i < key_frames()
   /// "<name>: <reason>", for every clip that is not used.
   const std::vector<std::string>& unused() const { return unused_; }
 
@@ -68,6 +72,7 @@ class OwnMotion {
 
   const Asset* asset_;
   std::vector<Clip> clips_;
+  std::vector<std::pair<std::size_t, double>> key_frames_;  ///< clip, as an index into animations, and time
   std::vector<std::string> unused_;
   double total_way_ = 0.0;
 };
@@ -76,6 +81,7 @@ class OwnMotion {
 /// angle are the paper's; it gives nothing of the rest.
 struct PoseAugmentation {
   bool own_motion = true;          ///< poses from the asset's animations where they move it; false: always random
+  bool key_frames = false;         ///< own motion alone, and that at its key frames: neither blends nor random poses
   double blend_probability = 0.5;  ///< share of those poses that lie between two times of a clip, see OwnMotion
   double least_motion = 0.02;      ///< a clip that moves the mesh less (RMS, of its longest side) is not used
   double probability = 0.8;        ///< of each joint to be turned, in a random pose
@@ -91,6 +97,9 @@ struct PoseAugmentation {
 ANIGEN_JSON_RECORD(PoseAugmentation, own_motion, blend_probability, least_motion, probability, max_angle, include_root,
                    attempts, limits)
 
+/// The options as JSON, key_frames only where it is set: what was made without it keeps its ids.
+Json settings_of(const PoseAugmentation& options);
+
 /// Changes whenever the same arguments would give other variants.
 inline constexpr int kPoseRecipe = 1;
 
@@ -105,6 +114,10 @@ std::string variant_id(const std::string& source_id, std::uint64_t seed, std::si
 /// asset. With `blend_probability` the pose lies between that moment and another of the same clip. When no clip can be
 /// used, or none of `attempts` poses passes, poses are random: each joint is turned, with `probability`, about its bind
 /// position and a uniform random axis, by an angle uniform in [0, max_angle].
+///
+/// With `key_frames` variant k is the k-th key frame of the asset's clips in an order drawn for the asset, or another
+/// of them when that one degenerates; there are no more variants than key frames, and none of an asset without clips.
+/// Anymate's data have up to three such samples of an asset (docs/reference/anymate.md, 1.1).
 ///
 /// A variant is the source's mesh under linear blend skinning (file normals turn with their surroundings), moved into
 /// [-0.5, 0.5]³ again. The pose is its bind pose and its rest pose alike; joint orientations follow, with the frames
@@ -126,6 +139,7 @@ class PoseAugmenter {
  private:
   struct Draw;
   Draw draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const;
+  MotionPose own_pose(std::size_t k, int attempt, Rng& rng) const;
   /// Vertices of the pose; nothing when a limit is broken, with the sentence in `problem`.
   std::optional<std::vector<Eigen::Vector3f>> accepted(const std::vector<Eigen::Matrix4d>& world,
                                                        PoseMeasures& measures, std::string& problem) const;
@@ -137,7 +151,8 @@ class PoseAugmenter {
   PoseChecks checks_;
   Pose bind_;
   OwnMotion motion_;
-  double first_place_;  ///< u
+  double first_place_;                    ///< u
+  std::vector<std::size_t> frame_order_;  ///< of key frames
 };
 
 }  // namespace anigen::prepare

@@ -17,7 +17,7 @@ namespace anigen::prepare {
 namespace {
 
 /// Raised whenever the same source would give other files or numbers, so that old outputs are made again.
-constexpr int kRecordVersion = 2;
+constexpr int kRecordVersion = 3;
 
 /// Raised whenever the same source would give another asset or other numbers.
 constexpr int kImportVersion = 1;
@@ -116,9 +116,10 @@ void measure(const Asset& asset, AssetRecord& record) {
   record.num_joints = asset.skeleton.size();
   record.num_vertices = asset.mesh.vertices.size();
   record.num_faces = asset.mesh.faces.size();
+  record.animations = asset.animations.size();
   record.max_influences = asset.skin.largest_row();
   record.closest_bones = closest_bones_of(asset.skeleton);
-  record.outside_share = outside_share(asset.skeleton.positions(), bounding_box(asset.mesh.vertices));
+  record.outside_share = outside_share(asset.skeleton.positions(), asset.mesh);
   record.skeleton = describe(asset.skeleton);
 }
 
@@ -276,7 +277,8 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
     });
     Root variant_root;
     variant_root.variant = variant_number(k);
-    variant_root.options = {{"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", plan_.poses}};
+    variant_root.options = {
+        {"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", settings_of(plan_.poses)}};
     variant_root.columns = [&] {
       pose();
       return columns;

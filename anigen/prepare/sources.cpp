@@ -7,6 +7,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/random.h"
+#include "anigen/geometry/inside.h"
 #include "anigen/io/arrays/npz.h"
 
 namespace anigen::prepare {
@@ -152,13 +153,11 @@ double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vect
   return closest;
 }
 
-double outside_share(const std::vector<Eigen::Vector3d>& joints, const Box& box) {
+double outside_share(const std::vector<Eigen::Vector3d>& joints, const Mesh& mesh) {
   if (joints.empty()) return 0.0;
-  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(1e-4 * box.diagonal());
-  const Eigen::Vector3d low = box.low - margin, high = box.high + margin;
-  const auto outside = std::count_if(joints.begin(), joints.end(), [&](const Eigen::Vector3d& p) {
-    return (p.array() < low.array()).any() || (p.array() > high.array()).any();
-  });
+  const double margin = 1e-4 * bounding_box(mesh.vertices).diagonal();
+  const std::vector<bool> inside = geometry::InsideTest(mesh.vertices, mesh.faces).inside(joints, margin);
+  const auto outside = std::count(inside.begin(), inside.end(), false);
   return static_cast<double>(outside) / static_cast<double>(joints.size());
 }
 

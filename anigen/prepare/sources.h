@@ -71,9 +71,10 @@ void write_skeleton_archive(const std::filesystem::path& path, const Asset& asse
 inline constexpr double kNoPair = 1e9;
 double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vector<int>& parents);
 
-/// The share of joints outside the box, which is first grown by 1e-4 of its diagonal: joints on the surface are inside.
+/// The share of joints outside the mesh (geometry::InsideTest); those within 1e-4 of the diagonal of its box from the
+/// surface are inside.
 /// @return 0 without joints
-double outside_share(const std::vector<Eigen::Vector3d>& joints, const Box& box);
+double outside_share(const std::vector<Eigen::Vector3d>& joints, const Mesh& mesh);
 
 /// Limits that decide `is_bad_skeleton` and `is_bad_skin`.
 struct QualityLimits {
@@ -82,7 +83,7 @@ struct QualityLimits {
   /// Bones no farther apart than this count as equal. The default is far above the rounding of float32 joints, which
   /// hides equal bones of symmetric rigs from an exact comparison, and far below any difference that shows.
   double same_bone = 1e-6;
-  double max_outside_share = 0.7;   ///< of joints outside the mesh's bounding box (Anymate's limit)
+  double max_outside_share = 0.7;   ///< of joints outside the mesh (Anymate's limit)
   double max_invented_rows = 0.01;  ///< share of vertices whose weights the importer had to make up
   double least_weight_sum = 0.9;    ///< of any vertex, in the file (what Articulation-XL 2.0 was cleaned by)
 };

@@ -443,6 +443,7 @@ void StepPlan::fields(ConfigFields& f) {
   });
   f("variants", variants, {0});
   f("own_motion", poses.own_motion);
+  f("key_frames", poses.key_frames);
   f("pose_probability", poses.probability);
   f("pose_max_angle", poses.max_angle);
   f.object("cleaning", cleaning);

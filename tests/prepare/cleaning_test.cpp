@@ -9,6 +9,7 @@
 #include "anigen/creatures/body.h"
 #include "anigen/prepare/prepare_source.h"
 #include "anigen/prepare/sources.h"
+#include "tests/prepare/augment_support.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -81,12 +82,18 @@ TEST(Cleaning, CountsAreBounded) {
 TEST(Cleaning, SkeletonsOutsideTheMeshAreDropped) {
   CleaningOptions options;
   options.max_outside_share = 0.5;
-  EXPECT_EQ(dropped_by(column({{0, 0, 0}, {3, 0, 0}, {4, 0, 0}}, {-1, 0, 1}, {0, 0, 1, 2}), options),
+  Asset asset = tube(3);  // 0.16 wide, along x from -0.5 to 0.5
+  const auto with_joints = [&](const std::vector<Eigen::Vector3d>& joints) {
+    asset.skeleton = skeleton_from_joints(joints, {-1, 0, 1});
+    return asset;
+  };
+  EXPECT_EQ(dropped_by(with_joints({{0, 0, 0}, {3, 0, 0}, {4, 0, 0}}), options),
             "outside_mesh: 66.7 % of the joints lie outside the mesh, at most 50 %");
-  EXPECT_EQ(dropped_by(column({{0, 0, 0}, {3, 0, 0}, {0, 0, 0.2}, {0, 0, 0.3}}, {-1, 0, 0, 2}, {0, 0, 1, 2}), options),
-            "");
-  EXPECT_EQ(outside_share({{0, 0, 0.5}}, bounding_box(column(kChain, {-1, 0, 1}, {0, 0, 0, 0}).mesh.vertices)), 0.0)
-      << "on the surface is inside";
+  EXPECT_EQ(dropped_by(with_joints({{0, 0, 0}, {3, 0, 0}, {0.2, 0, 0}}), options), "");
+  EXPECT_EQ(outside_share({{0, 0, 0.08}, {0.5, 0, 0}}, asset.mesh), 0.0) << "on the surface is inside";
+  // In the bounding box of a bent body, but not in it.
+  for (Eigen::Vector3f& vertex : asset.mesh.vertices) vertex.z() += 4.0f * vertex.x() * vertex.x();
+  EXPECT_EQ(outside_share({{0, 0, 0}, {0, 0, 0.5}, {0, 0, 0.9}, {0.25, 0, 0.25}}, asset.mesh), 0.5);
 }
 
 TEST(Cleaning, WeightSumsAndNamesAreThoseOfTheFile) {

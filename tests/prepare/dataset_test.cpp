@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <future>
 #include <map>
@@ -89,6 +90,25 @@ class PrepareDataset : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
+// Another body on the skeleton of b/chain.glb.
+TEST_F(PrepareDataset, NearSkeletonsAreFlaggedOrDropped) {
+  io::write_gltf(input() / "c" / "wider.glb", small_asset(5, 1.3f));
+  PrepareOptions wanted = options("near");
+  prepare_dataset(wanted);
+  const CsvTable flagged = read_csv(folder_ / "near" / "metadata.csv");
+  ASSERT_EQ(flagged.rows.size(), 4u);
+  EXPECT_EQ(flagged.cell(2, "local_path"), "c/wider.glb");
+  EXPECT_EQ(flagged.cell(2, "near_skeleton_of"), flagged.cell(1, "sha256"));
+
+  wanted.tables.near_skeletons = near_skeletons_of_preset("anymate");
+  const PrepareSummary summary = prepare_dataset(wanted);
+  EXPECT_EQ(read_csv(folder_ / "near" / "metadata.csv").rows.size(), 3u);
+  ASSERT_EQ(summary.rejected.size(), 4u);
+  EXPECT_TRUE(std::any_of(summary.rejected.begin(), summary.rejected.end(), [](const Rejected& one) {
+    return one.file_identifier == "input/c/wider.glb" && one.rule == "near_duplicate_skeleton";
+  }));
+}
+
 TEST_F(PrepareDataset, WritesThePublishedLayoutAndCountsWhatItRejects) {
   const PrepareSummary summary = prepare_dataset(options("out"));
   EXPECT_EQ(summary.real, 3u);
@@ -128,7 +148,9 @@ TEST_F(PrepareDataset, WritesThePublishedLayoutAndCountsWhatItRejects) {
   const std::string card = read_file(folder_ / "out" / "card.html");
   EXPECT_NE(card.find("input/z/truncated.glb"), std::string::npos);
   EXPECT_NE(card.find("data:image/png;base64,"), std::string::npos);
-  EXPECT_NE(read_file(folder_ / "out" / "card.md").find("| assets | 3 |"), std::string::npos);
+  const std::string markdown = read_file(folder_ / "out" / "card.md");
+  EXPECT_NE(markdown.find("| assets | 3 |"), std::string::npos);
+  EXPECT_NE(markdown.find("| source | assets | category | animated | joints | bones | vertices |"), std::string::npos);
 }
 
 TEST_F(PrepareDataset, ArraysAreTheNormalisedAsset) {

@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
+#include "anigen/prepare/merge.h"
 #include "anigen/prepare/metadata.h"
 
 namespace anigen::prepare {
@@ -112,6 +113,9 @@ TEST(NearDuplicates, SmallSkeletonsAreNotCompared) {
   const SkeletonDescriptor one = Tree{{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {-1, 0, 1}}.descriptor();
   EXPECT_FALSE(near_duplicates({one, one})[1].has_value());
   EXPECT_EQ(near_duplicates({one, one}, 0.01, 3)[1], 0u);
+  EXPECT_EQ(near_skeletons_of_preset("anymate"), NearSkeletons::kDrop);
+  for (const char* other : {"none", "articulation-xl"})
+    EXPECT_EQ(near_skeletons_of_preset(other), NearSkeletons::kFlag) << other;
 }
 
 }  // namespace

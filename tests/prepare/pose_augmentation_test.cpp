@@ -4,6 +4,8 @@
 #include <cstring>
 #include <limits>
 #include <set>
+#include <string>
+#include <utility>
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
@@ -320,6 +322,47 @@ TEST(PoseAugmentation, OwnMotionStaysWithinTheClipAndSpreadsOverIt) {
   double widest = times.front() + 2.0 - times.back();  // around the end
   for (std::size_t i = 1; i < times.size(); ++i) widest = std::max(widest, times[i] - times[i - 1]);
   EXPECT_LT(widest, 1.5 * 2.0 / 13.0);
+}
+
+TEST(PoseAugmentation, KeyFramesAloneAreThoseOfTheClips) {
+  Asset asset = tube(3);
+  asset.animations = {swing(80.0), swing(40.0), swing(0.0)};
+  asset.animations[1].name = "half";
+  asset.animations[2].name = "still";
+  Channel& channel = asset.animations[0].channels[0];
+  channel.times = {0.0, 0.5, 2.0};
+  channel.values.insert(channel.values.begin() + 4, {0, 0, std::sin(10 * kRadians), std::cos(10 * kRadians)});
+  PoseAugmentation options = anything();
+  options.key_frames = true;
+  const PoseAugmenter augmenter(asset, "a", 1, options);
+  std::set<std::pair<std::string, double>> seen;
+  for (std::size_t k = 0; k < 5; ++k) {
+    Provenance provenance;
+    const Asset variant = augmenter.variant(k, provenance).value();
+    EXPECT_EQ(provenance.kind, PoseKind::kAnimation);
+    EXPECT_EQ(provenance.blend, 0.0);
+    EXPECT_EQ(provenance.second_time, provenance.time);
+    EXPECT_TRUE(seen.emplace(provenance.clip, provenance.time).second) << "no frame twice";
+    const double wanted = provenance.time == 0.0       ? 0.0
+                          : provenance.time == 0.5     ? 20.0
+                          : provenance.clip == "swing" ? 80.0
+                                                       : 40.0;
+    EXPECT_NEAR(swing_angle(variant), wanted, 1e-6);
+  }
+  const std::set<std::pair<std::string, double>> keys{
+      {"swing", 0.0}, {"swing", 0.5}, {"swing", 2.0}, {"half", 0.0}, {"half", 2.0}};
+  EXPECT_EQ(seen, keys);
+  Provenance provenance;
+  EXPECT_FALSE(augmenter.variant(5, provenance).has_value());
+  EXPECT_NE(provenance.rejections.at(0).find("5 key frames"), std::string::npos) << provenance.rejections[0];
+
+  asset.animations.clear();
+  EXPECT_FALSE(posed_variant(asset, "a", 1, 0, options, provenance).has_value()) << "no random pose in their place";
+  options.own_motion = false;
+  EXPECT_THROW(options.validate(), InputError);
+  // Ids of what was made without the option stay.
+  EXPECT_FALSE(settings_of(PoseAugmentation()).contains("key_frames"));
+  EXPECT_NE(variant_id("a", 1, 0, options), variant_id("a", 1, 0, anything()));
 }
 
 TEST(PoseAugmentation, EqualStepsAreEqualMovement) {
