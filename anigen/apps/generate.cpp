@@ -7,11 +7,13 @@ namespace {
 using namespace anigen;
 
 void add_model_options(CLI::App& app, GenerateArguments& arguments) {
-  CLI::Option* image = add_option(app, "--image", arguments.image);
+  CLI::Option* image = add_option(app, "--image", arguments.images, "; several may follow");
+  add_option(app, "--one-object", arguments.one_object)->needs(image);
   CLI::Option* dataset =
       add_option(app, "--dataset", arguments.dataset, ", instead of --image: the first condition view of its assets")
           ->excludes(image);
   add_option(app, "--split", arguments.splits)->needs(dataset);
+  add_option(app, "--image-views", arguments.image_views)->check(whole_number(1, generate::kMostViews))->needs(dataset);
   add_option(app, "--limit", arguments.limit)->check(whole_number(0))->needs(dataset);
   add_option(app, "--output", arguments.output, ": folder; every image gets one of its name in it")->required();
   add_option(app, "--asset-name", arguments.asset_name);
@@ -58,6 +60,7 @@ void add_sampling_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--ss-interval", arguments.structure_interval)->check(number(0, 1))->expected(2);
   add_option(app, "--slat-interval", arguments.latent_interval)->check(number(0, 1))->expected(2);
   add_option(app, "--solver", arguments.solver);
+  add_option(app, "--view-rule", arguments.view_rule);
   CLI::Option* joints =
       add_option(app, "--joints", arguments.joints, ", for flows trained with it")->check(whole_number(0, 10'000));
   CLI::Option* density = add_option(app, "--joint-density", arguments.joint_density)->check(number(0, 1));
@@ -96,6 +99,8 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
     refuse_given(app, {"--matting-mean", "--matting-deviation"},
                  "is of ONNX files; " + arguments.matting.network.string() + " is a trained run, which needs none");
   }
+  if (!arguments.one_object && arguments.image_views < 2)
+    refuse_given(app, {"--view-rule"}, "is for several views: --one-object, or --image-views of a --dataset");
   if (!arguments.dataset.empty()) refuse_given(app, {"--normal-map"}, "--dataset brings its own maps of normals");
   if (arguments.normals != "auto" && arguments.normals != "file")
     refuse_given(app, {"--normal-map"}, "is not used by --normals " + arguments.normals);
@@ -113,8 +118,9 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
 
 int main(int argc, char** argv) {
   Program program(
-      "anigen-generate", "Makes a rigged GLB of an image: mesh, skeleton and skin weights.",
+      "anigen-generate", "Makes a rigged GLB of an image, or of several views: mesh, skeleton and skin weights.",
       "  anigen-generate frog.png -o results                  by the weights of $ANIGEN_WEIGHTS\n"
+      "  anigen-generate front.png side.png back.png --one-object -o results\n"
       "  anigen-generate frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow -o results\n"
       "  anigen-generate -i photos/ --runs ckpts/ --ss-flow ckpts/anigen/ss_flow_duet --normals estimator \\\n"
       "    --normal-weights ckpts/dsine/dsine.pt --precision bf16 --low-memory -o results");

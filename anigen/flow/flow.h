@@ -3,3 +3,4 @@
 #include "anigen/flow/geodesic_noise.h"
 #include "anigen/flow/matching.h"
 #include "anigen/flow/sampler.h"
+#include "anigen/flow/several_views.h"

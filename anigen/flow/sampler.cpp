@@ -126,12 +126,13 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
     TORCH_CHECK(extras.inpainting->mask.size() == noise.size(), "one inpainting mask per stream");
   }
   const torch::NoGradGuard no_grad;
-  const nn::ConditionCache keep;
+  const nn::ConditionCache keep(velocities.conditions);
   const std::vector<double> times = time_grid(options);
   Sampled result;
   Streams x = noise;
   for (std::size_t step = 0; step + 1 < times.size(); ++step) {
     const double t = times[step], next = times[step + 1];
+    if (velocities.step_begins) velocities.step_begins(static_cast<std::int64_t>(step));
     const Streams velocity = velocity_at(x, t, velocities, options);
     if (extras.trajectory) {
       Streams x_0;

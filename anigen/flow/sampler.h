@@ -24,6 +24,9 @@ using VelocityFunction = std::function<Streams(const Streams& x, float time)>;
 struct Velocities {
   VelocityFunction conditional;
   VelocityFunction unconditional = nullptr;  ///< none: sampling without guidance
+  /// Called before each step with its number, from 0; none: no velocity depends on it.
+  std::function<void(std::int64_t step)> step_begins = nullptr;
+  std::size_t conditions = 2;  ///< that models are asked with in turn, the negative one too (nn::ConditionCache)
 };
 
 /// Integration rule of a step from t to t'. The published sampler is Euler's; the other two ask for the velocity twice

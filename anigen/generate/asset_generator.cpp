@@ -43,6 +43,19 @@ bool sees_normals(const AssetGenerator::Request& request, const StructureGenerat
          !nn::has_training_state(request.structure_flow);
 }
 
+/// @throws InputError without a picture
+void require_views(const Tensor& pictures) {
+  if (!pictures.defined() || pictures.dim() != 4 || pictures.size(0) == 0)
+    throw InputError("", "views", "no image of the object");
+}
+
+void require_same_views(const Tensor& first, const Tensor& second, const GenerationOptions& options) {
+  if (options.given_voxels || !first.defined() || !second.defined() || first.size(0) == second.size(0)) return;
+  throw InputError("", "views",
+                   "the first flow is given " + std::to_string(first.size(0)) + " views, the second " +
+                       std::to_string(second.size(0)) + ": both see all images of the object");
+}
+
 /// Adds the runs that a flow's image encoder asks: a picture estimator, another flow.
 void add_encoder_runs(const nn::RunModel& flow, const std::filesystem::path& run,
                       std::vector<std::filesystem::path>& runs) {
@@ -170,14 +183,14 @@ StructuredLatentCoder AssetGenerator::latent_coder() const {
                                /*decodes=*/std::nullopt);
 }
 
-sparse_structure::VoxelPair AssetGenerator::sample_voxels(const Tensor& structure_picture, const std::string& name,
+sparse_structure::VoxelPair AssetGenerator::sample_voxels(const Tensor& structure_pictures, const std::string& name,
                                                           const GenerationOptions& options) {
   GeneratedAsset made;
-  sample_structure(structure_picture, name, options, noise_generator(options.seed), made);
+  sample_structure(structure_pictures, name, options, noise_generator(options.seed), made);
   return made.voxels;
 }
 
-void AssetGenerator::sample_structure(const Tensor& picture, const std::string& name, const GenerationOptions& options,
+void AssetGenerator::sample_structure(const Tensor& pictures, const std::string& name, const GenerationOptions& options,
                                       const at::Generator& generator, GeneratedAsset& made) {
   const torch::NoGradGuard no_grad;
   StructureGenerator& first = structure();
@@ -187,11 +200,12 @@ void AssetGenerator::sample_structure(const Tensor& picture, const std::string& 
   } else {
     Stopwatch watch;
     const flow::SamplerOptions sampler = options.structure.over(first.sampler());
-    const Tensor tokens = first.condition(picture);
+    require_views(pictures);
+    const Tensor tokens = first.condition(pictures);
     made.times.condition += watch.lap();
     Progress progress("sparse structure of " + name, static_cast<std::size_t>(sampler.steps), "steps");
     const flow::Streams sampled =
-        first.sample(noise, tokens, sampler, sampler.cfg_strength > 0, with_progress(progress));
+        first.sample(noise, tokens, sampler, sampler.cfg_strength > 0, with_progress(progress), options.views);
     made.structure = first.denormalised(sampled);
     made.voxels = first.decode(sampled).front();
     made.times.structure = watch.lap();
@@ -200,7 +214,7 @@ void AssetGenerator::sample_structure(const Tensor& picture, const std::string& 
   require_grid(made.voxels.shape.size(0), request_.structure_flow);
 }
 
-void AssetGenerator::sample_latents(const Tensor& picture, const std::string& name, const GenerationOptions& options,
+void AssetGenerator::sample_latents(const Tensor& pictures, const std::string& name, const GenerationOptions& options,
                                     const at::Generator& generator, GeneratedAsset& made) {
   structured_latent::StructuredLatentTarget target;
   target.shape = support_of(made.voxels.shape);
@@ -213,19 +227,20 @@ void AssetGenerator::sample_latents(const Tensor& picture, const std::string& na
   Stopwatch watch;
   StructuredLatentGenerator& second = latents();
   const flow::SamplerOptions sampler = options.latents.over(second.sampler());
-  target.tokens = second.condition(picture);
-  made.camera = second.cameras(picture);
+  require_views(pictures);
+  target.tokens = second.condition(pictures);
+  made.cameras = second.cameras(pictures);
   if (counts_joints_)
     target.joints_num = torch::tensor({options.joints}, torch::kInt64).to(nn::parse_device(request_.device));
   made.times.condition += watch.lap();
   Progress progress("structured latents of " + name, static_cast<std::size_t>(sampler.steps), "steps");
   made.latents = second.sample(second.noise(*target.shape, *target.skeleton, generator), target, sampler,
-                               sampler.cfg_strength > 0, with_progress(progress));
+                               sampler.cfg_strength > 0, with_progress(progress), options.views);
   made.times.latents = watch.lap();
   forget_unless_kept();
 }
 
-GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const Tensor& latent_picture,
+GeneratedAsset AssetGenerator::generate(const Tensor& structure_pictures, const Tensor& latent_pictures,
                                         const std::string& name, const GenerationOptions& options) {
   if (options.joints < 0) throw InputError("", "joints", "must not be negative");
   if (options.joints > 0 && !counts_joints_) {
@@ -237,9 +252,10 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_picture, const T
   if (options.given_latents) {
     made.latents = *options.given_latents;
   } else {
+    require_same_views(structure_pictures, latent_pictures, options);
     const at::Generator generator = noise_generator(options.seed);
-    sample_structure(structure_picture, name, options, generator, made);
-    sample_latents(latent_picture, name, options, generator, made);
+    sample_structure(structure_pictures, name, options, generator, made);
+    sample_latents(latent_pictures, name, options, generator, made);
   }
   made.shape_voxels = made.latents.geometry.support->size();
   made.skeleton_voxels = shape_alone_ ? 0 : made.latents.skeleton.support->size();

@@ -30,6 +30,7 @@ enum class StructureCondition { kAsTrained, kColor, kNormal };
 struct GenerationOptions {
   std::uint64_t seed = 42;
   SamplerOverrides structure, latents;
+  flow::ViewRule views = flow::ViewRule::kAverage;  ///< of several images of one object
   std::int64_t joints = 0;  ///< wanted number of joints, for flows that were told it in training; 0: as many as fit
   /// Instead of what the first flow would give: bool [R, R, R] each, R = AssetGenerator::grid().
   std::optional<sparse_structure::VoxelPair> given_voxels;
@@ -48,7 +49,7 @@ struct GeneratedAsset {
   sparse_structure::VoxelPair voxels;                          ///< the same, decoded, or those given
   structured_latent::PerStream<sparse::SparseTensor> latents;  ///< what the second flow gave
   std::int64_t shape_voxels = 0, skeleton_voxels = 0;
-  std::optional<torch::Tensor> camera;  ///< [1, 7] of the latent picture, where its encoder estimates it
+  std::optional<torch::Tensor> cameras;  ///< [V, 7] of the latent pictures, where their encoder estimates them
   GenerationTimes times;
 };
 
@@ -103,21 +104,23 @@ class AssetGenerator {
   StructureCoder structure_coder() const;
   StructuredLatentCoder latent_coder() const;  ///< without its decoder: generate() decodes given latents
 
-  /// Occupied voxels that the first flow gives: those of generate() for the same picture and options.
-  sparse_structure::VoxelPair sample_voxels(const torch::Tensor& structure_picture, const std::string& name,
+  /// Occupied voxels that the first flow gives: those of generate() for the same pictures and options.
+  sparse_structure::VoxelPair sample_voxels(const torch::Tensor& structure_pictures, const std::string& name,
                                             const GenerationOptions& options);
-  /// @param structure_picture [1, 3, S, S] in [0, 1], S = structure_size(), colours or normals
-  /// @param latent_picture likewise for the second flow, colours
-  /// @throws InputError when joints are asked of a flow that knows nothing of them; Error when the first flow gives no
-  /// voxels, or the decoder no surface or joint
-  GeneratedAsset generate(const torch::Tensor& structure_picture, const torch::Tensor& latent_picture,
+  /// @param structure_pictures [V, 3, S, S] in [0, 1], S = structure_size(), colours or normals: one image of the
+  /// object, or several, by which the flows go together (GenerationOptions::views)
+  /// @param latent_pictures likewise for the second flow, colours, of the same views
+  /// @throws InputError when joints are asked of a flow that knows nothing of them, without a picture, when the two
+  /// flows are given different numbers of views, and as flow::under_views(); Error when the first flow gives no voxels,
+  /// or the decoder no surface or joint
+  GeneratedAsset generate(const torch::Tensor& structure_pictures, const torch::Tensor& latent_pictures,
                           const std::string& name, const GenerationOptions& options);
 
  private:
   FlowRequest flow_request(const std::filesystem::path& run) const;
-  void sample_structure(const torch::Tensor& picture, const std::string& name, const GenerationOptions& options,
+  void sample_structure(const torch::Tensor& pictures, const std::string& name, const GenerationOptions& options,
                         const at::Generator& generator, GeneratedAsset& made);
-  void sample_latents(const torch::Tensor& picture, const std::string& name, const GenerationOptions& options,
+  void sample_latents(const torch::Tensor& pictures, const std::string& name, const GenerationOptions& options,
                       const at::Generator& generator, GeneratedAsset& made);
   StructureGenerator& structure();
   StructuredLatentGenerator& latents();

@@ -1,6 +1,8 @@
 #include "anigen/generate/generate_assets.h"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <optional>
@@ -12,6 +14,7 @@
 #include "anigen/core/hash.h"
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"
+#include "anigen/core/numeric.h"
 #include "anigen/core/process.h"
 #include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
@@ -45,8 +48,32 @@ constexpr const char* kAlways[] = {"mesh.glb",    "skeleton.glb", "processed_ima
 constexpr const char* kObj[] = {"mesh.obj", "mesh.rig.json"};
 constexpr const char* kIntermediate[] = {"voxels.png", "ss_latents.npz", "latents.npz", "votes.glb", "dense.glb"};
 
-/// The picture, what the flows saw, their voxels, and the asset with its skeleton and its weights.
-io::Image preview(const io::Image& picture, const GeneratedAsset& made, const Asset& asset) {
+/// Yaw and pitch of estimated cameras, degrees; yaw about Z from +X: -90 looks at the front.
+Json camera_angles(const torch::Tensor& cameras) {
+  const torch::Tensor rows = cameras.to(torch::kCPU, torch::kFloat64).contiguous();
+  Json list = Json::array();
+  for (std::int64_t i = 0; i < rows.size(0); ++i) {
+    const double* row = rows[i].data_ptr<double>();
+    list.push_back({{"yaw", std::atan2(row[0], row[1]) * 180.0 / kPi}, {"pitch", row[2] * 180.0 / kPi}});
+  }
+  return list;
+}
+
+/// Pictures of one size in a row.
+io::Image side_by_side(const std::vector<io::Image>& pictures) {
+  const int side = pictures.front().width, height = pictures.front().height;
+  io::Image row(side * static_cast<int>(pictures.size()), height);
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    for (int y = 0; y < height; ++y) {
+      std::copy_n(pictures[i].pixel(0, y), io::kImageChannels * static_cast<std::size_t>(side),
+                  row.pixel(side * static_cast<int>(i), y));
+    }
+  }
+  return row;
+}
+
+/// Pictures that the flows saw, their voxels, and the asset with its skeleton and its weights.
+io::Image preview(const std::vector<io::Image>& pictures, const GeneratedAsset& made, const Asset& asset) {
   constexpr int kSide = 384;
   render::PictureOptions colors, bones, weights;
   for (render::PictureOptions* options : {&colors, &bones, &weights}) options->width = options->height = kSide;
@@ -54,13 +81,16 @@ io::Image preview(const io::Image& picture, const GeneratedAsset& made, const As
   bones.skeleton = true;
   weights.mode = render::PictureMode::kWeights;
   render::SheetOptions sheet;
-  sheet.columns = 5;
-  return render::contact_sheet({{sparse_structure::fitted_picture(picture, kSide), "picture"},
-                                {sparse_structure::voxel_picture(made.voxels, kSide), "sparse structure"},
-                                {render::render(asset, colors), "asset"},
-                                {render::render(asset, bones), "skeleton"},
-                                {render::render(asset, weights), "skin weights"}},
-                               sheet);
+  std::vector<render::Tile> cells;
+  for (const io::Image& picture : pictures)
+    cells.push_back({sparse_structure::fitted_picture(picture, kSide), "picture"});
+  cells.push_back({sparse_structure::voxel_picture(made.voxels, kSide), "sparse structure"});
+  cells.push_back({render::render(asset, colors), "asset"});
+  cells.push_back({render::render(asset, bones), "skeleton"});
+  cells.push_back({render::render(asset, weights), "skin weights"});
+  constexpr std::size_t kMostColumns = 8;
+  sheet.columns = static_cast<int>(std::min(cells.size(), kMostColumns));
+  return render::contact_sheet(cells, sheet);
 }
 
 Json sampler_json(const SamplerOverrides& overrides) {
@@ -77,6 +107,7 @@ Json sampler_json(const SamplerOverrides& overrides) {
 std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
   const MattingOptions& matting = request.pictures.matting;
   std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights, matting.network};
+  for (const NamedPicture& view : picture.others) files.insert(files.end(), {view.file, view.normal_map});
   std::vector<fs::path> folders = runs;
   if (matting.is_run()) folders.push_back(matting.network);
   for (const fs::path& run : folders) {
@@ -176,22 +207,45 @@ class Generation {
     return true;
   }
 
+  /// The views of an object as the flows see them.
+  struct SeenViews {
+    std::vector<torch::Tensor> first, second;  ///< [1, 3, S, S] each, by the two flows
+    std::vector<io::Image> pictures, normals;  ///< the same: colours; normals where the first flow sees them
+    std::vector<io::Image> parts;              ///< crops for colours
+    std::vector<std::string> notices;
+  };
+
+  SeenViews see(const NamedPicture& picture) {
+    std::vector<std::map<int, PreprocessedImage>> views = pictures_.of_views(picture);
+    SeenViews seen;
+    for (std::size_t view = 0; view < views.size(); ++view) {
+      const PreprocessedImage& first = views[view].at(generator_.structure_size());
+      const PreprocessedImage& second = views[view].at(generator_.latent_size());
+      const bool normals = generator_.structure_sees_normals();
+      seen.first.push_back(normals ? first.normals_tensor : first.picture_tensor);
+      seen.second.push_back(second.picture_tensor);
+      seen.pictures.push_back(second.picture);
+      if (normals) seen.normals.push_back(first.normals);
+      seen.parts.push_back(second.part);
+      const std::string whose = views.size() > 1 ? "view " + std::to_string(view + 1) + ": " : "";
+      for (const std::string& notice : first.notices) seen.notices.push_back(whose + notice);
+    }
+    return seen;
+  }
+
   void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
     std::error_code error;
     fs::remove(report.folder / kReportFile, error);
     for (const char* stale : kObj) fs::remove(report.folder / stale, error);
     for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
     const auto started = std::chrono::steady_clock::now();
-    std::map<int, PreprocessedImage> seen = pictures_.of(picture);
-    const PreprocessedImage& first = seen.at(generator_.structure_size());
-    const PreprocessedImage& second = seen.at(generator_.latent_size());
-    const bool normals = generator_.structure_sees_normals();
-    GeneratedAsset made = generator_.generate(normals ? first.normals_tensor : first.picture_tensor,
-                                              second.picture_tensor, report.name, request_.sampling);
+    const SeenViews seen = see(picture);
+    GeneratedAsset made =
+        generator_.generate(torch::cat(seen.first), torch::cat(seen.second), report.name, request_.sampling);
     throw_if_interrupted();
-    std::vector<std::string> notices = first.notices;
-    if (request_.picture_colors && made.camera) {
-      const PaintedVertices painted = paint_from_picture(made.decoded.asset, second.part, *made.camera);
+    std::vector<std::string> notices = seen.notices;
+    if (request_.picture_colors && made.cameras) {
+      const PaintedVertices painted = paint_from_pictures(made.decoded.asset, seen.parts, *made.cameras);
       notices.push_back("colours from the picture for " + std::to_string(painted.seen) + " vertices, mirrored for " +
                         std::to_string(painted.mirrored) + ", decoded for " + std::to_string(painted.decoded));
     }
@@ -204,12 +258,13 @@ class Generation {
       finished.asset.skeleton = io::unrotated_in_file(finished.asset.skeleton, axes.axes);
     }
     if (request_.idle) add_idle_clip(finished.asset, notices);
-    io::write_png(report.folder / "processed_image.png", second.picture);
-    if (normals) io::write_png(report.folder / "processed_normal.png", first.normals);
+    const io::Image shown = side_by_side(seen.pictures);
+    io::write_png(report.folder / "processed_image.png", shown);
+    if (!seen.normals.empty()) io::write_png(report.folder / "processed_normal.png", side_by_side(seen.normals));
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
     if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
     io::write_gltf(report.folder / "skeleton.glb", geometry::skeleton_asset(finished.asset.skeleton), axes);
-    io::write_png(report.folder / "preview.png", preview(second.picture, made, finished.asset));
+    io::write_png(report.folder / "preview.png", preview(seen.pictures, made, finished.asset));
     if (request_.intermediate) {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
       if (!generator_.shape_alone()) write_votes(report.folder / "votes.glb", made.decoded.votes);
@@ -233,6 +288,7 @@ class Generation {
                         {"latents", made.times.latents},
                         {"decode", made.times.decode},
                         {"all", seconds.count()}}}};
+    if (made.cameras) report.details["cameras"] = camera_angles(*made.cameras);
     write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
   }
 
@@ -253,8 +309,8 @@ void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<Name
   refuse_to_overwrite(outputs, [&] {
     std::vector<fs::path> inputs = {request.estimator_weights, request.pictures.matting.network};
     for (const NamedPicture& picture : pictures) {
-      inputs.push_back(picture.file);
-      inputs.push_back(picture.normal_map);
+      inputs.insert(inputs.end(), {picture.file, picture.normal_map});
+      for (const NamedPicture& view : picture.others) inputs.insert(inputs.end(), {view.file, view.normal_map});
     }
     return inputs;
   });
@@ -277,6 +333,7 @@ ConditionPictures::ConditionPictures(const GenerateRequest& request, const Asset
     PreprocessingOptions options = request.pictures;
     options.size = size;
     if (!generator.structure_sees_normals()) options.normals = NormalSource::kColors;
+    takes_maps_ = options.normals == NormalSource::kAuto;
     by_size_[size] = std::make_unique<ImagePreprocessor>(options, estimator);
   }
 }
@@ -284,6 +341,21 @@ ConditionPictures::ConditionPictures(const GenerateRequest& request, const Asset
 std::map<int, PreprocessedImage> ConditionPictures::of(const NamedPicture& picture) {
   std::map<int, PreprocessedImage> seen;
   for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture.file, picture.normal_map);
+  return seen;
+}
+
+std::vector<std::map<int, PreprocessedImage>> ConditionPictures::of_views(const NamedPicture& picture) {
+  std::vector<std::map<int, PreprocessedImage>> seen;
+  for (const NamedPicture& view : picture.others) {
+    if (!takes_maps_ || view.normal_map.empty() == picture.normal_map.empty()) continue;
+    const NamedPicture& with = view.normal_map.empty() ? picture : view;
+    const NamedPicture& without = view.normal_map.empty() ? view : picture;
+    throw InputError(without.file.string(), "views",
+                     "comes without a map of normals, and " + with.file.string() +
+                         ", of the same object, with one: views must be of one kind; --normals color takes no map");
+  }
+  seen.push_back(of(picture));
+  for (const NamedPicture& view : picture.others) seen.push_back(of(view));
   return seen;
 }
 
@@ -324,6 +396,11 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                      {"texture_size", finishing.texture_size}}}};
   if (grouping.form != skeleton_field::MeanShiftForm::kOfRun)
     settings["grouping"] = grouping.form == skeleton_field::MeanShiftForm::kPaper ? "paper" : "published";
+  if (!picture.others.empty()) {
+    settings["view_rule"] = word_of(flow::kViewRuleWords, request.sampling.views);
+    for (const NamedPicture& view : picture.others)
+      settings["other_views"].push_back(fs::absolute(view.file).lexically_normal().string());
+  }
   const MattingOptions& matting = request.pictures.matting;
   if (matting.is_run()) {
     settings["matting"] = {{"run", matting.network.string()}};

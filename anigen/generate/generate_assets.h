@@ -38,11 +38,16 @@ class ConditionPictures {
   /// @throws InputError on a source of normals that the flows do not see, or that lacks its weights
   ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator);
 
-  /// By size: AssetGenerator::structure_size() and latent_size(). @throws InputError as ImagePreprocessor::run()
+  /// By size: AssetGenerator::structure_size() and latent_size(). Of the first view of an object.
+  /// @throws InputError as ImagePreprocessor::run()
   std::map<int, PreprocessedImage> of(const NamedPicture& picture);
+  /// Of every view, the first first. @throws InputError also when the flows would see views of different kinds: normals
+  /// of some, colours of others
+  std::vector<std::map<int, PreprocessedImage>> of_views(const NamedPicture& picture);
 
  private:
   std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
+  bool takes_maps_ = false;  // where there are some, which decides what a view shows
 };
 
 /// Everything that decides what is made of a picture, with names, sizes and times of its files and the runs'.
@@ -59,12 +64,12 @@ struct GenerationReport {
   Json details;         ///< as written to generation.json
 };
 
-/// Pictures to rigged GLB files. For each `<output>/<name>/`: mesh.glb, which idles, skeleton.glb, processed_image.png,
-/// processed_normal.png where normals were seen, preview.png, and generation.json, written last: what made it (commit,
-/// runs, seed, options, notices, times). A picture that fails, for whatever reason, is
-/// reported and does not stop the others.
-/// Several processes called alike share the pictures by leases in <output>/.leases and all return at the end; with
-/// `again` each makes every picture.
+/// Pictures to rigged GLB files, one for each or for the views of each (NamedPicture::others). For each
+/// `<output>/<name>/`: mesh.glb, which idles, skeleton.glb, processed_image.png, processed_normal.png where normals
+/// were seen, preview.png, and generation.json, written last: what made it (commit, runs, seed, options, notices,
+/// times). A picture that fails, for whatever reason, is reported and does not stop the others. Several processes
+/// called alike share the pictures by leases in <output>/.leases and all return at the end; with `again` each makes
+/// every picture.
 /// @throws InputError when the models are unusable, two pictures have one name, or an asset that is there and would be
 /// kept was made by another commit (core/version.h), unless the request says `again` or `accept_other_code`; before
 /// any work, when a result would replace an input. WriteError when the disk refuses

@@ -94,43 +94,63 @@ class PictureSampler {
   std::vector<float> depth_;
 };
 
+// Colours of vertices in pictures, and how much they count, in [0, 1].
+struct SeenColors {
+  std::vector<float> weights;
+  std::vector<Vector3f> colors;
+};
+
+/// Takes over the colours of a picture where it shows vertices squarer than those before it.
+/// @param camera [1, 7] @param places [V, 3] the vertices
+void look_from(const Asset& asset, const std::vector<Vector3f>& normals, const render::Scene& scene,
+               const io::Image& picture, const torch::Tensor& camera, const torch::Tensor& places, SeenColors& found) {
+  const std::vector<Vector3f>& vertices = asset.mesh.vertices;
+  const torch::Tensor seen = vision::seen_from(camera, places)[0].contiguous();
+  const float *uv = seen.data_ptr<float>(), *numbers = camera.data_ptr<float>();
+  const double yaw = std::atan2(numbers[0], numbers[1]), pitch = numbers[2];
+  const Vector3d back(std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch));
+  constexpr double kLeastNearness = 0.01;
+  const Vector3d eye = back / std::max(kLeastNearness, static_cast<double>(numbers[6]));
+  const PictureSampler sampler(picture);
+  parallel_for(vertices.size(), [&](std::size_t i) {
+    const Vector3d place = vertices[i].cast<double>();
+    const Vector3d towards = (eye - place).normalized();
+    const float cosine = normals[i].dot(towards.cast<float>());
+    const float weight = std::min(1.0F, (cosine - kFlattest) / (kSquarest - kFlattest));
+    if (cosine <= kFlattest || weight <= found.weights[i]) return;
+    const Vector3f start = vertices[i] + kSurfaceOffset * normals[i];
+    if (scene.occluded(start, towards.cast<float>(), static_cast<float>((eye - place).norm()))) return;
+    const std::optional<Vector3f> color = sampler.at(uv[3 * i], uv[3 * i + 1]);
+    if (!color) return;
+    found.weights[i] = weight;
+    found.colors[i] = *color;
+  });
+}
+
 }  // namespace
 
-PaintedVertices paint_from_picture(Asset& asset, const io::Image& picture, const torch::Tensor& camera) {
+PaintedVertices paint_from_pictures(Asset& asset, const std::vector<io::Image>& pictures,
+                                    const torch::Tensor& cameras) {
   Mesh& mesh = asset.mesh;
   const std::size_t count = mesh.vertices.size();
   PaintedVertices painted;
   if (count == 0 || mesh.colors.size() != count) return painted;
-  const torch::Tensor row = camera.to(torch::kCPU, torch::kFloat32).reshape({1, vision::kCameraNumbers}).contiguous();
+  const torch::Tensor rows = cameras.to(torch::kCPU, torch::kFloat32).reshape({-1, vision::kCameraNumbers});
+  TORCH_CHECK(rows.size(0) == static_cast<std::int64_t>(pictures.size()), "one camera per picture");
   torch::Tensor places = torch::empty({static_cast<std::int64_t>(count), 3});
   for (std::size_t i = 0; i < count; ++i) {
     for (int axis = 0; axis < 3; ++axis)
       places.data_ptr<float>()[3 * i + static_cast<std::size_t>(axis)] = mesh.vertices[i][axis];
   }
-  const torch::Tensor seen = vision::seen_from(row, places)[0].contiguous();
-  const float *uv = seen.data_ptr<float>(), *numbers = row.data_ptr<float>();
-  const double yaw = std::atan2(numbers[0], numbers[1]), pitch = numbers[2];
-  const Vector3d back(std::cos(yaw) * std::cos(pitch), std::sin(yaw) * std::cos(pitch), std::sin(pitch));
-  constexpr double kLeastNearness = 0.01;
-  const Vector3d eye = back / std::max(kLeastNearness, static_cast<double>(numbers[6]));
-
   const std::vector<Vector3f> normals = angle_weighted_normals(mesh.vertices, mesh.faces);
   const render::Scene scene(asset);
-  const PictureSampler sampler(picture);
-  std::vector<float> weights(count, 0.0F);
-  std::vector<Vector3f> colors(count, Vector3f::Zero());
-  parallel_for(count, [&](std::size_t i) {
-    const Vector3d place = mesh.vertices[i].cast<double>();
-    const Vector3d towards = (eye - place).normalized();
-    const float cosine = normals[i].dot(towards.cast<float>());
-    if (cosine <= kFlattest) return;
-    const Vector3f start = mesh.vertices[i] + kSurfaceOffset * normals[i];
-    if (scene.occluded(start, towards.cast<float>(), static_cast<float>((eye - place).norm()))) return;
-    const std::optional<Vector3f> color = sampler.at(uv[3 * i], uv[3 * i + 1]);
-    if (!color) return;
-    weights[i] = std::min(1.0F, (cosine - kFlattest) / (kSquarest - kFlattest));
-    colors[i] = *color;
-  });
+  SeenColors found{std::vector<float>(count, 0.0F), std::vector<Vector3f>(count, Vector3f::Zero())};
+  for (std::size_t view = 0; view < pictures.size(); ++view) {
+    const torch::Tensor camera = rows.narrow(0, static_cast<std::int64_t>(view), 1).contiguous();
+    look_from(asset, normals, scene, pictures[view], camera, places, found);
+  }
+  const std::vector<float>& weights = found.weights;
+  const std::vector<Vector3f>& colors = found.colors;
 
   std::vector<std::size_t> owners;
   std::vector<Vector3d> points;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -128,8 +129,19 @@ std::vector<NamedPicture> pictures_at(const fs::path& path) {
   return {pictures.begin(), pictures.end()};
 }
 
+NamedPicture views_of_one(std::vector<NamedPicture> pictures) {
+  if (pictures.empty()) throw InputError("", "views", "no image of the object");
+  if (pictures.size() > kMostViews) {
+    throw InputError("", "views",
+                     std::to_string(pictures.size()) + " images of one object; up to " + std::to_string(kMostViews));
+  }
+  NamedPicture one = std::move(pictures.front());
+  one.others.assign(std::make_move_iterator(pictures.begin() + 1), std::make_move_iterator(pictures.end()));
+  return one;
+}
+
 std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std::vector<fs::path>& splits,
-                                              std::size_t most) {
+                                              std::size_t most, std::size_t views) {
   if (splits.empty()) throw InputError("", "--split", "which assets' pictures? A file of ids, such as splits/test.txt");
   std::vector<NamedPicture> pictures;
   std::error_code missing;
@@ -155,10 +167,20 @@ std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std
                          "asset '" + line.id + "' has no condition views in " + dataset.string() +
                              "; anigen-prepare --cond-views makes them");
       }
-      const fs::path picture = folder / render::read_transforms(folder / "transforms.json").frames.front().file_path;
-      pictures.emplace_back(picture, id);
-      const fs::path normals = data::normal_picture_of(picture);
-      if (fs::is_regular_file(normals, error)) pictures.back().normal_map = normals;
+      const auto frames = render::read_transforms(folder / "transforms.json").frames;
+      if (frames.size() < views) {
+        throw InputError(split.string(), place,
+                         "asset '" + line.id + "' has " + std::to_string(frames.size()) + " condition views, " +
+                             std::to_string(views) + " are asked for");
+      }
+      std::vector<NamedPicture> seen_of_one;
+      for (std::size_t view = 0; view < views; ++view) {
+        const fs::path picture = folder / frames[view * frames.size() / views].file_path;
+        seen_of_one.emplace_back(picture, id);
+        const fs::path normals = data::normal_picture_of(picture);
+        if (fs::is_regular_file(normals, error)) seen_of_one.back().normal_map = normals;
+      }
+      pictures.push_back(views_of_one(std::move(seen_of_one)));
     }
   }
   return pictures;
@@ -166,10 +188,10 @@ std::vector<NamedPicture> pictures_of_dataset(const fs::path& dataset, const std
 
 void require_distinct_names(const std::vector<NamedPicture>& pictures) {
   std::set<std::string> seen;
-  for (const auto& [file, name, normal_map] : pictures) {
-    static_cast<void>(normal_map);
+  for (const NamedPicture& picture : pictures) {
+    const std::string& name = picture.name;
     if (name.empty() || name == "." || name == "..")
-      throw InputError(file.string(), "", "has no name that a folder could have");
+      throw InputError(picture.file.string(), "", "has no name that a folder could have");
     if (!seen.insert(name).second) throw InputError("", "--image", "two pictures have the name '" + name + "'");
   }
 }

@@ -32,6 +32,7 @@ struct NamedPicture {
   std::string name;
   std::filesystem::path
       normal_map;  ///< the surface normals seen in it, as normal_picture() colours them; empty: unknown
+  std::vector<NamedPicture> others;             ///< further images of the same object, whose names do not matter
   NamedPicture(std::filesystem::path picture);  ///< called as the file, without its ending
   NamedPicture(std::filesystem::path picture, std::string called);
 };
@@ -40,11 +41,17 @@ struct NamedPicture {
 /// @throws InputError when there is none
 std::vector<NamedPicture> pictures_at(const std::filesystem::path& path);
 
-/// The first condition view of every asset that the splits name, called as the asset, with its true normals where
-/// the dataset has them (anigen-prepare --view-geometry).
-/// @param most only so many of the first; 0: all @throws InputError naming the asset that has no such view
+/// Images of one object as views of one asset, called as the first of them.
+/// @throws InputError without any, or with more than kMostViews
+NamedPicture views_of_one(std::vector<NamedPicture> pictures);
+
+/// Condition views of every asset that the splits name, called as the asset, with their true normals where the dataset
+/// has them (anigen-prepare --view-geometry): the first one, or several, spread evenly over those there are.
+/// @param most only so many of the first assets; 0: all @param views of each asset, at least 1
+/// @throws InputError naming the asset that has no such view
 std::vector<NamedPicture> pictures_of_dataset(const std::filesystem::path& dataset,
-                                              const std::vector<std::filesystem::path>& splits, std::size_t most);
+                                              const std::vector<std::filesystem::path>& splits, std::size_t most,
+                                              std::size_t views = 1);
 
 /// @throws InputError when two pictures have one name, whose assets would overwrite each other
 void require_distinct_names(const std::vector<NamedPicture>& pictures);

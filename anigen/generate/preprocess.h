@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -15,6 +16,8 @@
 #include "anigen/io/image.h"
 
 namespace anigen::generate {
+
+inline constexpr std::size_t kMostViews = 32;  ///< images of one object: each costs a pass in every step
 
 /// Value of a word on the command line. @throws InputError naming the option and listing its words
 template <typename Choice>

@@ -232,12 +232,15 @@ flow::Streams StructureGenerator::noise(const at::Generator& generator) const {
 
 flow::Streams StructureGenerator::sample(const flow::Streams& noise, const Tensor& condition,
                                          const flow::SamplerOptions& sampler, bool guided,
-                                         const flow::SamplingExtras& extras) {
+                                         const flow::SamplingExtras& extras, flow::ViewRule rule) {
   const torch::NoGradGuard no_grad;
   const auto width = static_cast<double>(std::max(options().model_channels, options().model_channels_skl));
   const OneThreadIfSmall threads(static_cast<double>(noise[0].size(0) * options().tokens()) * width * width);
+  const auto under = [&](const Tensor& one) {
+    return sparse_structure::structure_velocities(model_, one, guided, finds_skeletons());
+  };
   const flow::Velocities velocities =
-      sparse_structure::structure_velocities(model_, condition, guided, finds_skeletons());
+      noise[0].size(0) == 1 ? flow::under_views(condition, rule, sampler, under) : under(condition);
   return flow::sample_flow(noise, velocities, sampler, extras).samples;
 }
 
@@ -444,9 +447,16 @@ flow::Streams StructuredLatentGenerator::noise(const sparse::Support& shape, con
 
 structured_latent::PerStream<sparse::SparseTensor> StructuredLatentGenerator::sample(
     const flow::Streams& noise, const structured_latent::StructuredLatentTarget& target,
-    const flow::SamplerOptions& sampler, bool guided, const flow::SamplingExtras& extras) {
+    const flow::SamplerOptions& sampler, bool guided, const flow::SamplingExtras& extras, flow::ViewRule rule) {
   const torch::NoGradGuard no_grad;
-  const flow::Velocities velocities = structured_latent::structured_latent_velocities(model_, target, guided);
+  const auto under = [&](const Tensor& one) {
+    structured_latent::StructuredLatentTarget seen = target;
+    seen.tokens = one;
+    return structured_latent::structured_latent_velocities(model_, seen, guided);
+  };
+  const flow::Velocities velocities = target.shape->items().items() == 1
+                                          ? flow::under_views(target.tokens, rule, sampler, under)
+                                          : under(target.tokens);
   const flow::Streams latents = flow::sample_flow(noise, velocities, sampler, extras).samples;
   const Tensor shape = data::denormalised(latents[0], reading_.normalization);
   const Tensor skeleton = data::denormalised(latents[1], reading_.normalization_skl);

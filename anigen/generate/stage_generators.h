@@ -9,6 +9,7 @@
 #include "anigen/data/datasets.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/data/metadata.h"
+#include "anigen/flow/several_views.h"
 #include "anigen/generate/run_weights.h"
 #include "anigen/nn/profile.h"
 #include "anigen/nn/state_dict.h"
@@ -177,8 +178,11 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   flow::Streams noise(const at::Generator& generator) const;
   /// Latents, as the dataset normalises them. @param noise of a batch; the first stream of a flow that trained on given
   /// shapes (finds_skeletons()) is instead the latent of the shape, as shape_latent() has it
+  /// @param condition [B or 1, M, C]; for a batch of one also [V, M, C], views of one object that share the velocity by
+  /// `rule` @throws InputError as flow::under_views()
   flow::Streams sample(const flow::Streams& noise, const torch::Tensor& condition, const flow::SamplerOptions& sampler,
-                       bool guided, const flow::SamplingExtras& extras = {});
+                       bool guided, const flow::SamplingExtras& extras = {},
+                       flow::ViewRule rule = flow::ViewRule::kAverage);
   /// Latents of sample() as latent files hold them: what normalised it in training is undone.
   flow::Streams denormalised(const flow::Streams& latents) const;
   /// Both grids of one item before anything is decided, [1, 1, R, R, R]. @param latents as decode()
@@ -303,11 +307,13 @@ class StructuredLatentGenerator
   flow::Streams noise(const sparse::Support& shape, const sparse::Support& skeleton,
                       const at::Generator& generator) const;
   /// Latents as the decoder takes them: what normalised them in training is undone.
-  /// @param target voxels, tokens and joint counts @param progress see flow::SamplingExtras
+  /// @param target voxels, tokens and joint counts; for a batch of one the tokens may be [V, K, C], views of one object
+  /// that share the velocity by `rule` @throws InputError as flow::under_views()
   structured_latent::PerStream<sparse::SparseTensor> sample(const flow::Streams& noise,
                                                             const structured_latent::StructuredLatentTarget& target,
                                                             const flow::SamplerOptions& sampler, bool guided,
-                                                            const flow::SamplingExtras& extras = {});
+                                                            const flow::SamplingExtras& extras = {},
+                                                            flow::ViewRule rule = flow::ViewRule::kAverage);
 };
 
 }  // namespace anigen::generate

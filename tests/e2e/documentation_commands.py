@@ -190,7 +190,7 @@ def fixtures(work, env):
     for file, asset in (("statue.glb", train[0]), ("rig.glb", train[0]), ("dance.glb", train[1]), ("truth/fox.glb", test)):
         shutil.copy(data / f"assets/{asset}.glb", made / file)
     shutil.copy(data / f"renders/{train[0]}/mesh.ply", made / "body.ply")
-    for picture in ("frog.png", "pictures/fox.png"):
+    for picture in ("frog.png", "pictures/fox.png", "front.png", "side.png", "back.png"):
         shutil.copy(data / f"renders_cond/{test}/000.png", made / picture)
     for asset in train + [test]:
         shutil.copy(data / f"skeleton/{asset}/skeleton_voxelized.npz", made / f"weights/{asset}.npz")

@@ -311,6 +311,11 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(picture + "--slat-guidance 1 --slat-interval 0.2 0.8", {"--slat-interval", "--slat-guidance 1"});
   check.refuses(picture + "--keep-hidden --hidden-views 12", {"--hidden-views", "--keep-hidden"});
   check.refuses(picture + "--no-smooth-skin --smooth-alpha 0.5", {"--smooth-alpha", "--no-smooth-skin"});
+  check.refuses(picture + "--view-rule stochastic", {"--view-rule", "--one-object"});
+  check.refuses(picture + "--one-object", {"--one-object", "two images"});
+  check.refuses(picture + "--image b.png --one-object --normal-map n.png", {"--normal-map", "one image"});
+  check.refuses(generate + "--one-object --dataset d --split s", {"--one-object"});
+  check.refuses(picture + "--image-views 2", {"--image-views", "--dataset"});
   check.refuses(picture + "--force --accept-other-code", {"--accept-other-code", "--force"});
 }
 

@@ -347,6 +347,75 @@ TEST_F(GenerateAssets, GivenVoxelsAndLatentsStandForWhatTheFlowsGive) {
   EXPECT_EQ(decoded.shape_voxels, moved.shape_voxels);
 }
 
+// Several images of one object make one asset: that of one image where all are equal, but for the last bits.
+TEST_F(GenerateAssets, EqualViewsGiveTheAssetOfOne) {
+  AssetGenerator generator(request_.models);
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide}), other = torch::rand({1, 3, kSide, kSide});
+  GenerationOptions options = request_.sampling;
+  options.structure.steps = options.latents.steps = 3;
+  const GeneratedAsset single = generator.generate(picture, picture, "a", options);
+  const auto made_of = [&](const std::vector<torch::Tensor>& views) {
+    return generator.generate(torch::cat(views), torch::cat(views), "a", options);
+  };
+  for (const flow::ViewRule rule : {flow::ViewRule::kAverage, flow::ViewRule::kStochastic}) {
+    options.views = rule;
+    const GeneratedAsset three = made_of({picture, picture, picture}), mixed = made_of({picture, other});
+    for (std::size_t stream = 0; stream < 2; ++stream) {
+      const torch::Tensor& expected = single.structure[stream];
+      EXPECT_TRUE(torch::allclose(three.structure[stream], expected, 1e-3, 1e-4));
+      EXPECT_FALSE(torch::allclose(mixed.structure[stream], expected, 1e-3, 1e-4));
+    }
+    ASSERT_TRUE(torch::equal(three.voxels.shape, single.voxels.shape));
+    EXPECT_TRUE(torch::allclose(three.latents.geometry.feats, single.latents.geometry.feats, 1e-3, 1e-3));
+  }
+  options.latents.steps = 2;
+  EXPECT_THROW(made_of({picture, picture, other}), InputError) << "stochastic, and one view never has its turn";
+}
+
+TEST_F(GenerateAssets, ViewsThatCannotBeUsedTogetherAreErrors) {
+  AssetGenerator generator(request_.models);
+  const torch::Tensor picture = torch::rand({1, 3, kSide, kSide}), two = torch::cat({picture, picture});
+  const torch::Tensor none = torch::zeros({0, 3, kSide, kSide});
+  EXPECT_THROW(generator.generate(none, none, "a", request_.sampling), InputError);
+  EXPECT_THROW(generator.generate({}, {}, "a", request_.sampling), InputError);
+  EXPECT_THROW(generator.generate(two, picture, "a", request_.sampling), InputError);
+
+  // The first flow sees normals: a view with a map of them and one without would show it different things.
+  NamedPicture views(picture_, "a");
+  views.others.emplace_back(picture_);
+  views.others.front().normal_map = picture_;
+  const GenerationReport mixed = generate_assets(request_, {views}).front();
+  EXPECT_NE(mixed.failure.find("views must be of one kind"), std::string::npos) << mixed.failure;
+  views.normal_map = picture_;
+  const GenerationReport alike = generate_assets(request_, {views}).front();
+  EXPECT_EQ(alike.failure, "");
+}
+
+TEST_F(GenerateAssets, ViewsOfOneAreOneAsset) {
+  const fs::path second = folder_ / "second.png";
+  io::write_png(second, disc(64));
+  NamedPicture views = views_of_one({picture_, second});
+  EXPECT_EQ(views.name, "disc");
+  const auto reports = [&] { return generate_assets(request_, {views}); };
+  const std::vector<GenerationReport> first = reports();
+  ASSERT_EQ(first.size(), 1u);
+  ASSERT_EQ(first[0].failure, "");
+  EXPECT_EQ(first[0].details["settings"]["view_rule"], "average");
+  EXPECT_EQ(first[0].details["settings"]["other_views"].size(), 1u);
+  const io::Image seen = io::read_image(made("disc", "processed_image.png"));
+  EXPECT_EQ(seen.width, 2 * seen.height) << "both views";
+  EXPECT_TRUE(reports()[0].kept);
+  io::write_png(second, disc(80));
+  EXPECT_FALSE(reports()[0].kept) << "another image";
+  // One image asks for the asset of one.
+  views.others.clear();
+  const GenerationReport single = reports()[0];
+  EXPECT_FALSE(single.kept);
+  EXPECT_FALSE(single.details["settings"].contains("view_rule"));
+  EXPECT_THROW(views_of_one({}), InputError);
+  EXPECT_THROW(views_of_one(std::vector<NamedPicture>(kMostViews + 1, NamedPicture(picture_))), InputError);
+}
+
 TEST_F(GenerateAssets, TheSameRequestGivesTheSameFiles) {
   one("a");
   one("b");

@@ -120,6 +120,19 @@ TEST_F(RetrieveAssets, LeavesOutWhatIsUnusable) {
   EXPECT_EQ(retrieve_assets(request_, {picture("rose", {200, 20, 40})})[0].asset, "green");
 }
 
+TEST_F(RetrieveAssets, SeveralViewsOfAnAssetAreSpreadOverThoseThereAre) {
+  add("orange", {220, 120, 30}, /*views=*/8);
+  write_file_atomically(data() / "metadata.csv", "sha256,local_path\norange,orange.glb\nred,red.glb\n");
+  write_file_atomically(folder_ / "split.txt", "orange\n");
+  const NamedPicture views = pictures_of_dataset(data(), {folder_ / "split.txt"}, 0, 4).at(0);
+  EXPECT_EQ(views.file.filename(), "000.png");
+  ASSERT_EQ(views.others.size(), 3u);
+  const char* spread[] = {"002.png", "004.png", "006.png"};
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(views.others[i].file.filename(), spread[i]);
+  write_file_atomically(folder_ / "split.txt", "red\n");
+  EXPECT_THROW(pictures_of_dataset(data(), {folder_ / "split.txt"}, 0, 4), InputError) << "two views";
+}
+
 TEST_F(RetrieveAssets, PicturesOfADatasetAreItsFirstViewsCalledAsTheAssets) {
   write_file_atomically(folder_ / "split.txt", "green\nred\ngreen\n");
   const auto pictures = pictures_of_dataset(data(), {folder_ / "split.txt"}, 0);

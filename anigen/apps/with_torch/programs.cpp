@@ -186,11 +186,19 @@ generate::FlowRuns runs_of(const GenerateArguments& arguments) {
 
 std::vector<generate::NamedPicture> pictures_of(const GenerateArguments& arguments) {
   if (!arguments.dataset.empty())
-    return generate::pictures_of_dataset(arguments.dataset, arguments.splits, arguments.limit);
-  if (arguments.image.empty()) throw InputError("", "--image", "which image? Or name a --dataset and a --split");
-  std::vector<generate::NamedPicture> pictures = generate::pictures_at(arguments.image);
+    return generate::pictures_of_dataset(arguments.dataset, arguments.splits, arguments.limit, arguments.image_views);
+  if (arguments.images.empty()) throw InputError("", "--image", "which image? Or name a --dataset and a --split");
+  std::vector<generate::NamedPicture> pictures;
+  for (const std::filesystem::path& image : arguments.images) {
+    const std::vector<generate::NamedPicture> found = generate::pictures_at(image);
+    pictures.insert(pictures.end(), found.begin(), found.end());
+  }
+  if (arguments.one_object) {
+    if (pictures.size() < 2) throw InputError("", "--one-object", "is for two images or more of the object");
+    pictures = {generate::views_of_one(std::move(pictures))};
+  }
   if (!arguments.normal_map.empty()) {
-    if (pictures.size() != 1) throw InputError("", "--normal-map", "is for one image");
+    if (pictures.size() != 1 || arguments.one_object) throw InputError("", "--normal-map", "is for one image");
     pictures.front().normal_map = arguments.normal_map;
   }
   return pictures;
@@ -229,6 +237,7 @@ void set_sampling(const GenerateArguments& arguments, const CommonOptions& commo
   const auto interval = [](const std::vector<double>& ends) { return std::make_pair(ends[0], ends[1]); };
   if (!arguments.structure_interval.empty()) structure.cfg_interval = interval(arguments.structure_interval);
   if (!arguments.latent_interval.empty()) latents.cfg_interval = interval(arguments.latent_interval);
+  sampling.views = flow::parse_view_rule(arguments.view_rule);
   if (!arguments.solver.empty()) structure.solver = latents.solver = flow::parse_solver(arguments.solver);
 }
 
@@ -261,7 +270,8 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
 
 void run_generate(const GenerateArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
-  const auto reports = generate::generate_assets(request_of(arguments, common), pictures_of(arguments));
+  const std::vector<generate::NamedPicture> pictures = pictures_of(arguments);
+  const auto reports = generate::generate_assets(request_of(arguments, common), pictures);
   print_result(generate::to_json(reports), generate::to_text(reports), common);
   require_inputs(reports, "images gave no asset", common);
 }
