@@ -81,6 +81,8 @@ void add_finishing_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--smooth-iterations", finishing.smoothing_iterations, " [as fitted for the run, else 100]")
       ->check(whole_number(0, 1'000'000));
   add_option(app, "--smooth-alpha", finishing.smoothing_alpha)->check(number(0, 1));
+  CLI::Option* rigid = add_option(app, "--rigid-parts", finishing.rigid_parts);
+  add_option(app, "--rigid-share", finishing.rigid_share)->check(number(0.5, 1, RangeEnds::kOpenBelow))->needs(rigid);
   add_option(app, "--texture-size", finishing.texture_size)->check(whole_number(0, 8192));
   add_option(app, "--colors", arguments.colors);
   add_option(app, "--axes", arguments.axes);

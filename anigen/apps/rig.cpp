@@ -76,6 +76,7 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   if (options.influences)
     request.influences = request.binding.geodesic.most_influences = request.binding.heat.most_influences =
         *options.influences;
+  if (options.rigid_parts) request.rigid_share = options.rigid_share;
   request.graft = !options.no_graft;
   request.separate_bodies = !options.one_body;
   request.axes = io::parse_axes(options.mesh_up);
@@ -125,6 +126,8 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--influences", options.influences, "; 0: any number")
       ->check(whole_number(0, 1024))
       ->default_str(std::to_string(request.binding.heat.most_influences));
+  CLI::Option* rigid = add_option(app, "--rigid-parts", options.rigid_parts);
+  add_option(app, "--rigid-share", options.rigid_share)->check(number(0.5, 1, RangeEnds::kOpenBelow))->needs(rigid);
   add_option(app, "--no-graft", options.no_graft);
   add_option(app, "--format", options.format);
   add_option(app, "--preview", options.preview);
@@ -184,7 +187,8 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                        "--skin-model", "--skin-run",     "--points",      "--joint-distance",
                        "--seed",       "--bone-axes",    "--height",      "--ground",
                        "--root-bone",  "--names",        "--author",      "--copyright",
-                       "--joints",     "--symmetric",    "--add-joints",  "--one-body"},
+                       "--joints",     "--symmetric",    "--add-joints",  "--one-body",
+                       "--rigid-parts"},
                  whose + ", which answers images");
     if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
@@ -224,7 +228,8 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (method == "curve" || method == "template" || fields)
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
   if (options.skin != kLearnedSkin) refuse_given(app, {"--skin-run"}, "corrects weights for --skin learned alone");
-  if (options.skin == "none") refuse_given(app, {"--no-graft"}, "has no effect where the skeleton alone is written");
+  if (options.skin == "none")
+    refuse_given(app, {"--no-graft", "--rigid-parts"}, "has no effect where the skeleton alone is written");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
   if (!options.request.joints.skeleton.empty() && automatic) {
     refuse_given(app, {"--new-skeleton", "--template", "--curve-joints"}, "--skeleton has the joints already");

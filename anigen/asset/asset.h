@@ -5,6 +5,8 @@
 #include "anigen/asset/animation.h"
 #include "anigen/asset/joint_side.h"
 #include "anigen/asset/mesh.h"
+#include "anigen/asset/mesh_shells.h"
 #include "anigen/asset/rigged_asset.h"
+#include "anigen/asset/rigid_parts.h"
 #include "anigen/asset/skeleton.h"
 #include "anigen/asset/skin_weights.h"

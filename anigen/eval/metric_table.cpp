@@ -75,6 +75,8 @@ const std::vector<MetricInfo>& metric_table() {
       {"sound_islands", "islands", kLow, "joints", "soundness", false},
       {"sound_dead_joints", "dead joints", kLow, "joints", "soundness", false},
       {"sound_inside", "joints inside", kHigh, "1", "soundness", true},
+      {"sound_gap_mean", "gaps", kLow, "1", "soundness", false},
+      {"sound_gap_max", "largest gap", kLow, "1", "soundness", false},
       {"icp_rmse", "ICP", kLow, "box", "run", false},
       {"seconds", "seconds", Better::kNeither, "s", "run", false},
   };

@@ -340,7 +340,8 @@ void add_soundness(const io::RiggedShape& predicted, const PairSettings& setting
       {"sound_stretched", "stretched_share"},   {"sound_inverted", "inverted_share"},
       {"sound_crossed", "newly_crossed_share"}, {"sound_bleed", "shell_bleed_share"},
       {"sound_islands", "far_weight_islands"},  {"sound_dead_joints", "dead_joints"},
-      {"sound_inside", "joints_inside_share"}};
+      {"sound_inside", "joints_inside_share"},  {"sound_gap_mean", "gap_growth_mean"},
+      {"sound_gap_max", "gap_growth_max"}};
   for (const auto& [key, figure] : keys) {
     if (figures.contains(figure))
       result.set(key, figures.at(figure).get<double>());

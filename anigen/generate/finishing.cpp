@@ -82,6 +82,8 @@ void FinishingOptions::validate() const {
   if (smoothing_iterations.value_or(0) < 0) throw InputError("", "smoothing iterations", "must not be negative");
   if (!(smoothing_alpha >= 0.0 && smoothing_alpha <= 1.0))
     throw InputError("", "smoothing alpha", "must lie in [0, 1]");
+  if (!(rigid_share > 0.5 && rigid_share <= 1.0))
+    throw InputError("", "rigid share", "must lie above 0.5 and not above 1");
   if (texture_size != 0 && (texture_size < 64 || texture_size > 8192))
     throw InputError("", "texture size", "must be 0 (vertex colours) or 64 … 8192");
 }
@@ -119,6 +121,12 @@ FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options) 
     smoothing.alpha = options.smoothing_alpha;
     asset.skin = smooth_skin(asset.skin, MeshEdges(asset.mesh.faces, asset.mesh.vertices.size()), joints, smoothing);
     finished.notices.push_back("skin weights smoothed " + count_of(smoothing.iterations, "times"));
+  }
+  if (options.rigid_parts) {
+    RigidSkin rigid = rigid_parts(asset.mesh, asset.skin, options.rigid_share);
+    finished.notices.push_back(rigid.note());
+    finished.rigid_parts = rigid.to_json(asset.skeleton);
+    asset.skin = std::move(rigid.skin);
   }
   asset.mesh.normals = angle_weighted_normals(asset.mesh.vertices, asset.mesh.faces);
   if (options.texture_size > 0 && !dense.mesh.colors.empty() && give_texture(asset, dense.mesh, options, finished))

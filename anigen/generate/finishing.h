@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
+#include "anigen/asset/rigid_parts.h"
 #include "anigen/asset/skin_weights.h"
 #include "anigen/geometry/simplify.h"
 
@@ -22,6 +23,8 @@ struct FinishingOptions {
   std::optional<int> smoothing_iterations;  ///< rounds over skin weights along the mesh, 0: none; unset: as
                                             ///< finishing_of_flow() finds, else 100 as published
   double smoothing_alpha = 1.0;
+  bool rigid_parts = false;  ///< shells with this share of their weight in one joint follow it alone: rigid_parts()
+  double rigid_share = kRigidShare;
   int texture_size = 1024;  ///< texels; 0: vertex colours
 
   /// @throws InputError naming what is out of range
@@ -38,11 +41,12 @@ FinishingOptions finishing_of_flow(FinishingOptions asked, const std::filesystem
 struct FinishedAsset {
   Asset asset;
   std::vector<std::string> notices;  ///< a sentence each: what was done, with numbers
+  Json rigid_parts;                  ///< RigidSkin::to_json(), where it was asked for
 };
 
 /// Simplifies the mesh, removes hidden faces, closes small holes, carries skin weights over unless the vertices stayed
 /// what they were, filters and smooths the weights, and turns vertex colours into a texture, in the published order.
-/// The skeleton stays as it is.
+/// Rigid parts, which are ours, come after smoothing. The skeleton stays as it is.
 /// @param dense as decoded_asset() gives it: vertex colours, skin rows that sum to 1
 /// @throws InputError on an option out of range
 FinishedAsset finish_asset(const Asset& dense, const FinishingOptions& options = {});

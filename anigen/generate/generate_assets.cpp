@@ -289,6 +289,7 @@ class Generation {
                         {"decode", made.times.decode},
                         {"all", seconds.count()}}}};
     if (made.cameras) report.details["cameras"] = camera_angles(*made.cameras);
+    if (!finished.rigid_parts.is_null()) report.details["rigid_parts"] = finished.rigid_parts;
     write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
   }
 
@@ -396,6 +397,7 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                      {"texture_size", finishing.texture_size}}}};
   if (grouping.form != skeleton_field::MeanShiftForm::kOfRun)
     settings["grouping"] = grouping.form == skeleton_field::MeanShiftForm::kPaper ? "paper" : "published";
+  if (finishing.rigid_parts) settings["finishing"]["rigid_share"] = finishing.rigid_share;
   if (!picture.others.empty()) {
     settings["view_rule"] = word_of(flow::kViewRuleWords, request.sampling.views);
     for (const NamedPicture& view : picture.others)

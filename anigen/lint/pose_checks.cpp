@@ -11,6 +11,7 @@
 #include "anigen/core/random.h"
 #include "anigen/core/table.h"
 #include "anigen/geometry/crossings.h"
+#include "anigen/metrics/shell_gaps.h"
 
 namespace anigen::lint {
 
@@ -39,6 +40,8 @@ constexpr double kManyCrossed = 0.15;
 constexpr std::size_t kFewestFaces = 20;
 /// Work of stretch, in faces times poses: half a second on one core.
 constexpr std::size_t kStretchWork = 20'000'000;
+/// Work of gaps, in faces and pairs of shells times poses: about a second on one core.
+constexpr std::size_t kGapWork = 20'000'000, kFacesOfAPair = 50;
 /// Work of crossings, in faces times poses, each with a BVH of its own: about a second on two cores; and poses at most.
 constexpr std::size_t kCrossingWork = 600'000, kCrossingPoses = 24;
 
@@ -188,6 +191,38 @@ void check_shape(const WeldedRig& rig, std::uint64_t seed, RigLint& lint) {
     report(rig, most_inverted, "inverted-faces", Severity::kWarning, "faces turn inside out", lint);
 }
 
+/// Largest growth of the distance of each pair of shells that touch at rest, over all poses.
+void check_gaps(const WeldedRig& rig, std::uint64_t seed, RigLint& lint) {
+  const metrics::ShellGaps gaps(rig.places, rig.faces);
+  const std::size_t pairs = gaps.pairs().size();
+  std::vector<double> worst(pairs, 0.0);
+  if (pairs > 0) {
+    const std::size_t work_of_joint = 4 * (rig.faces.size() + kFacesOfAPair * pairs);
+    const std::vector<std::size_t> joints =
+        some_of(turning_joints(rig), std::max<std::size_t>(1, kGapWork / work_of_joint), seed);
+    std::vector<std::vector<double>> of_joint(joints.size());
+    parallel_for(joints.size(), [&](std::size_t i) {
+      const std::vector<double> shares = shares_moved(rig, joints[i]);
+      std::vector<double>& own = of_joint[i] = std::vector<double>(pairs, 0.0);
+      for (const JointTurn& turn : turns_of_joint(rig, joints[i])) {
+        const std::vector<double> grown = gaps.growth(turned_places(rig, turn, shares));
+        for (std::size_t p = 0; p < pairs; ++p) own[p] = std::max(own[p], grown[p]);
+      }
+    });
+    for (const std::vector<double>& own : of_joint) {
+      for (std::size_t p = 0; p < pairs; ++p) worst[p] = std::max(worst[p], own[p]);
+    }
+  }
+  double sum = 0.0, most = 0.0;
+  for (const double growth : worst) {
+    sum += growth;
+    most = std::max(most, growth);
+  }
+  lint.figures["touching_shells"] = pairs;
+  lint.figures["gap_growth_mean"] = pairs == 0 ? 0.0 : sum / static_cast<double>(pairs);
+  lint.figures["gap_growth_max"] = most;
+}
+
 void check_crossings(const WeldedRig& rig, RigLint& lint) {
   const std::size_t affordable = std::max<std::size_t>(2, kCrossingWork / rig.faces.size());
   const std::size_t most = std::min(kCrossingPoses, affordable) / 2;
@@ -260,6 +295,7 @@ std::vector<Eigen::Vector3f> turned_places(const WeldedRig& rig, const JointTurn
 void check_poses(const WeldedRig& rig, std::uint64_t seed, RigLint& lint) {
   if (rig.faces.empty()) return;
   check_shape(rig, seed, lint);
+  check_gaps(rig, seed, lint);
   check_crossings(rig, lint);
 }
 

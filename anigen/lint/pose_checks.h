@@ -30,7 +30,9 @@ std::vector<Eigen::Vector3f> turned_places(const WeldedRig& rig, const JointTurn
 /// The surface in poses: each joint that moves something, but the root, in its four turns; where that is too much
 /// work, joints drawn by the seed. "stretched-faces": an edge more than 3 times as long; "inverted-faces": normals
 /// against those that the turn gives them; "self-intersections": faces that cross others and did not at rest, in the
-/// first two turns of at most 12 joints, those that move the most. Findings count the faces of the worst pose.
+/// first two turns of at most 12 joints, those that move the most. Findings count the faces of the worst pose. Figures
+/// alone: growth of the gaps between shells that touch at rest (metrics::ShellGaps), in diagonals, the largest of each
+/// pair over the poses: `gap_growth_mean` over the `touching_shells` pairs, `gap_growth_max`.
 void check_poses(const WeldedRig& rig, std::uint64_t seed, RigLint& lint);
 
 }  // namespace anigen::lint

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "anigen/asset/rigid_parts.h"
 #include "anigen/core/disjoint_sets.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/table.h"
@@ -39,6 +40,9 @@ constexpr double kForeignShare = 0.05;
 constexpr double kBleedDistance = 0.25;
 /// Same by the distance to the nearest joint that has weights: belts and sleeves are as near to two joints.
 constexpr double kBleedRatio = 3.0;
+
+/// Share of a shell's weight in one joint from which on nothing of it bends to the eye.
+constexpr double kRigidWeight = 0.99;
 
 double part(std::size_t count, std::size_t all) {
   return all == 0 ? 0.0 : static_cast<double>(count) / static_cast<double>(all);
@@ -199,6 +203,20 @@ void check_bleed(const WeldedRig& rig, RigLint& lint) {
        "vertices move with a joint of another shell, far from them; the farthest with " + rig.joint_name(worst_joint)});
 }
 
+/// Shells that follow one joint alone, as the parts of a machine do.
+void count_rigid_shells(const WeldedRig& rig, RigLint& lint) {
+  const RigidSkin parts = rigid_parts(rig.asset().mesh, rig.asset().skin, kRigidWeight);
+  std::size_t rigid = 0;
+  double area = 0.0;
+  for (const RigidPart& one : parts.parts) {
+    if (!one.rigid) continue;
+    ++rigid;
+    area += one.area;
+  }
+  lint.figures["rigid_shell_share"] = part(rigid, parts.parts.size());
+  lint.figures["rigid_area_share"] = area;
+}
+
 }  // namespace
 
 bool rows_are_readable(const SkinWeights& skin) {
@@ -252,6 +270,7 @@ void check_rows(const Asset& asset, RigLint& lint) {
 void check_surface_weights(const WeldedRig& rig, RigLint& lint) {
   check_islands(rig, lint);
   check_bleed(rig, lint);
+  count_rigid_shells(rig, lint);
 }
 
 }  // namespace anigen::lint

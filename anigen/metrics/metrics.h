@@ -14,6 +14,7 @@
 #include "anigen/metrics/metric_skeleton.h"
 #include "anigen/metrics/motion.h"
 #include "anigen/metrics/published_protocols.h"
+#include "anigen/metrics/shell_gaps.h"
 #include "anigen/metrics/similarity.h"
 #include "anigen/metrics/sinkhorn.h"
 #include "anigen/metrics/skeleton_transport.h"

@@ -338,6 +338,12 @@ Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const 
       skins.push_back(weights_of(parts[b], unrotated(skeletons[b]), request, report.note));
     asset.skin = joined_skin(bodies, skins, skeletons, shape.mesh.vertices.size());
   }
+  if (request.rigid_share) {
+    RigidSkin rigid = rigid_parts(asset.mesh, asset.skin, *request.rigid_share);
+    add_note(rigid.note(), report);
+    report.rigid_parts = rigid.to_json(asset.skeleton);
+    asset.skin = std::move(rigid.skin);
+  }
   report.binding_seconds = seconds_since(found);
   return asset;
 }
@@ -499,6 +505,7 @@ Json to_json(const RigReports& reports) {
       one["joint_seconds"] = report.joint_seconds;
       one["binding_seconds"] = report.binding_seconds;
       if (!report.note.empty()) one["note"] = report.note;
+      if (!report.rigid_parts.is_null()) one["rigid_parts"] = report.rigid_parts;
     } else {
       one["failure"] = report.failure;
     }

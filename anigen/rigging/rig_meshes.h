@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "anigen/asset/mesh.h"
+#include "anigen/asset/rigid_parts.h"
 #include "anigen/asset/skeleton.h"
 #include "anigen/core/config.h"
 #include "anigen/io/rigs/rigged_shape.h"
@@ -142,7 +143,9 @@ struct RigRequest {
   EngineOptions engine;
   VrmMeta vrm;  ///< of a .vrm; its name is the id
   LearnedSteps learned;
-  std::size_t influences = 4;  ///< joints per vertex in the written files; 0: as many as the weights name
+  std::optional<double> rigid_share;  ///< shells with such a share of one joint follow it alone (rigid_parts()); unset:
+                                      ///< weights stay as they are bound
+  std::size_t influences = 4;         ///< joints per vertex in the written files; 0: as many as the weights name
   bool graft = true;  ///< .glb and .gltf to .glb and .gltf: the rig goes into a copy of the file (io::graft_rig); else
                       ///< into a new file with base colour alone
   /// Called for each asset after its file is written, with that file's place.
@@ -157,6 +160,7 @@ struct RigReport {
   std::string failure;  ///< empty: there is a file
   std::string note;     ///< of the joints, such as which template was taken
   std::size_t joints = 0, vertices = 0;
+  Json rigid_parts;                                   ///< RigidSkin::to_json(), where it was asked for
   double joint_seconds = 0.0, binding_seconds = 0.0;  ///< of finding joints, of binding
   double seconds = 0.0;                               ///< of all, with reading and writing
 };
@@ -198,7 +202,8 @@ struct RigArguments {
   rigging::RigRequest request;
   std::size_t views = 0, limit = 0;
   std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
-  bool preview = false, new_skeleton = false, no_graft = false, one_body = false;
+  bool preview = false, new_skeleton = false, no_graft = false, one_body = false, rigid_parts = false;
+  double rigid_share = kRigidShare;
   std::string bone_axes, names;  ///< words of request.engine; empty: not given
 };
 

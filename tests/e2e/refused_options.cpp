@@ -240,6 +240,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(rig + "heat --height 0", {"--height", "above 0"});
   check.refuses(rig + "heat --bone-axes up", {"--bone-axes", "along"});
   check.refuses(rig + "heat --names blender", {"--names", "unreal"});
+  check.refuses("anigen-rig --mesh a.glb --output b.glb --rigid-share 0.8", {"--rigid-share", "--rigid-parts"});
+  check.refuses("anigen-rig --mesh a.glb --output b.glb --skin none --rigid-parts",
+                {"--rigid-parts", "skeleton alone"});
   check.refuses("anigen-rig --mesh a.glb --output b.vrm --skin none", {"--skin none", ".vrm"});
   check.refuses("anigen-rig --method retrieval --image a.png --dataset d --output o --ground",
                 {"--ground", "retrieval"});
@@ -316,6 +319,7 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(picture + "--image b.png --one-object --normal-map n.png", {"--normal-map", "one image"});
   check.refuses(generate + "--one-object --dataset d --split s", {"--one-object"});
   check.refuses(picture + "--image-views 2", {"--image-views", "--dataset"});
+  check.refuses(picture + "--rigid-share 0.8", {"--rigid-share", "--rigid-parts"});
   check.refuses(picture + "--force --accept-other-code", {"--accept-other-code", "--force"});
 }
 

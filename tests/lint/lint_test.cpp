@@ -13,6 +13,7 @@
 #include "anigen/creatures/body.h"
 #include "anigen/geometry/primitives.h"
 #include "tests/lint/doll.h"
+#include "tests/support/hinged_boxes.h"
 #include "tests/support/paths.h"
 
 namespace anigen::lint {
@@ -189,6 +190,20 @@ TEST(LintRig, FindsNothingInACleanRig) {
   EXPECT_EQ(lint.figures["shells"], 7);
   EXPECT_EQ(lint.figures["joint_pairs"], 6);
   EXPECT_EQ(lint.figures["joints_inside_share"], 1.0);
+}
+
+// About a hinge in the gap the lid's corners swing into the base: no gap. About one far above both, it opens.
+TEST(LintRig, GapsBetweenRigidParts) {
+  const RigLint closed = lint_rig(test::hinged_boxes(0.01F, 0.0F));
+  EXPECT_EQ(closed.figures["touching_shells"], 1);
+  EXPECT_EQ(closed.figures["gap_growth_max"], 0.0);
+  EXPECT_EQ(closed.figures["rigid_shell_share"], 1.0);
+  EXPECT_NEAR(closed.figures["rigid_area_share"].get<double>(), 1.0, 1e-12);
+  EXPECT_EQ(lint_rig(test::hinged_boxes(0.01F, 0.3F)).figures["rigid_shell_share"], 0.0);
+  const Eigen::Vector3d aside(0.5, 0, 3);
+  const RigLint open = lint_rig(test::hinged_boxes(0.01F, 0.0F, &aside));
+  EXPECT_GT(open.figures["gap_growth_max"].get<double>(), 0.2);
+  EXPECT_EQ(open.figures["gap_growth_mean"], open.figures["gap_growth_max"]) << "one pair";
 }
 
 TEST(LintRig, FindsEachDefectByItsCode) {

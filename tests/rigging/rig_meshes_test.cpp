@@ -15,6 +15,7 @@
 #include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "tests/rigging/embedding_bodies.h"
+#include "tests/support/hinged_boxes.h"
 #include "tests/support/parsed_gltf.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
@@ -421,6 +422,26 @@ TEST_F(RigMeshes, LearnedStepsTakeThePlaceOfTheOthers) {
   EXPECT_NE(rig_meshes(request_).meshes.at(0).failure.find("does not know"), std::string::npos);
   request_.method = parse_rigging_method("geovoxel", "none");
   EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "") << "nothing is bound for a skeleton alone";
+}
+
+TEST_F(RigMeshes, RigidPartsFollowOneJoint) {
+  const Asset boxes = test::hinged_boxes(0.01F, 0.3F);
+  const fs::path mesh = folder_ / "hinge.glb", out = folder_ / "rigid.glb";
+  io::write_gltf(mesh, boxes);
+  RigRequest request;
+  request.meshes = mesh;
+  request.out = out;
+  request.method = parse_rigging_method("heat");
+  request.learned.bind = [&](const io::RiggedShape&, const Skeleton&) { return boxes.skin; };
+  ASSERT_EQ(rig_meshes(request).meshes.at(0).failure, "");
+  EXPECT_EQ(io::read_gltf(out).asset.skin.largest_row(), 2u);
+  request.rigid_share = kRigidShare;
+  const RigReports reports = rig_meshes(request);
+  EXPECT_EQ(reports.meshes.at(0).note, "2 of 2 shells rigid, 100 % of the surface");
+  EXPECT_EQ(to_json(reports)["meshes"][0]["rigid_parts"][0]["joint"], "base");
+  EXPECT_EQ(io::read_gltf(out).asset.skin.largest_row(), 1u);
+  request.rigid_share = 0.9;
+  EXPECT_EQ(rig_meshes(request).meshes.at(0).note, "0 of 2 shells rigid, 0 % of the surface");
 }
 
 TEST(RiggingMethod, WordsAreChecked) {

@@ -149,6 +149,8 @@ inline constexpr OptionRow kOptions[] = {
     {"--no-smooth-skin", 0, "", "Mesh and skeleton", "Leave skin weights as they are decoded", ""},
     {"--smooth-iterations", 0, "N", "Mesh and skeleton", "Rounds of smoothing of skin weights", ""},
     {"--smooth-alpha", 0, "X", "Mesh and skeleton", "Share of the neighbours in a round of smoothing", ""},
+    {"--rigid-parts", 0, "", "Mesh and skeleton", "Shells that mostly follow one joint follow it alone, so that hard parts do not bend", ""},
+    {"--rigid-share", 0, "X", "Mesh and skeleton", "For --rigid-parts: least share of a shell's weight in one joint", ""},
     {"--texture-size", 0, "N", "Mesh and skeleton", "Texels along a side, 64 or more; 0: vertex colours", ""},
     {"--colors", 0, "picture|decoded", "Mesh and skeleton", "Colours of the surface: of the image on what it shows, where the weights know its camera, or decoded everywhere", ""},
     // --- Engine ---
