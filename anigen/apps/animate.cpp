@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
+#include "anigen/apps/common/torch_half.h"
 #include "anigen/core/error.h"
 #include "anigen/core/text.h"
 #include "anigen/motions/animate_files.h"
@@ -43,18 +44,32 @@ void animate(const CLI::App& app, AnimateArguments& arguments, const CommonOptio
   require_inputs(reports, "assets were not animated", common);
 }
 
+void animate_from_video(const CLI::App& app, AnimateArguments& arguments, const CommonOptions& common) {
+  refuse_given(app, {"--motion", "--pose", "--frames", "--speed", "--travel", "--format", "--keep-going"},
+               "does not go with --video, whose motion one asset gets");
+  if (arguments.request.out.empty()) throw InputError("", "--output", "name the file to write");
+  if (std::filesystem::is_directory(arguments.asset))
+    throw InputError(arguments.asset, "--asset", "a video moves one asset: name a file");
+  if (arguments.background != "auto" && arguments.background != "network")
+    refuse_given(app, {"--matting-network"}, "is not used by --background " + arguments.background);
+  if (app.count("--fps") > 0) arguments.video_fps = arguments.request.options.fps;
+  torch_half("--video").animate_from_video(arguments, common);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   Program program("anigen-animate",
-                  "Moves rigged assets: motions that are built in, chosen by what limbs a body has, or clips of other\n"
-                  "files. What else a .glb or .gltf holds stays as it is; FBX and USD get base colours alone.",
+                  "Moves rigged assets: motions that are built in, chosen by what limbs a body has, clips of other\n"
+                  "files, or the motion of an object in a video. What else a .glb or .gltf holds stays as it is; FBX "
+                  "and USD get base colours alone.",
                   "  anigen-animate fox.glb -o fox_idle.glb\n"
                   "  anigen-animate fox.glb --list\n"
                   "  anigen-animate fox.glb -o fox_moves.glb --motion walk --motion run --motion wag\n"
                   "  anigen-animate hero.glb -o dancer.glb --motion dance.bvh --turntable dancer.png\n"
                   "  anigen-animate hero.glb -o walker.glb --motion 'library.glb#Walk' --motion walk --travel\n"
                   "  anigen-animate hero.glb -o walker.fbx --motion walk\n"
+                  "  anigen-animate hero.glb -o filmed.glb --video frames/ --turntable filmed.png\n"
                   "  anigen-animate rigged/ -o animated/ --motion idle --keep-going");
   program.first = "--asset";
   CLI::App& app = program.app;
@@ -64,6 +79,10 @@ int main(int argc, char** argv) {
   add_option(app, "--motion", arguments.request.motions,
              ", or a word: " + joined(motions::built_in_motions(), ", ", [](const auto& one) { return one.word; }) +
                  "; repeatable [idle]");
+  add_option(app, "--video", arguments.video);
+  add_option(app, "--background", arguments.background, " or network, as anigen-generate; of --video")
+      ->check(one_of({"auto", "keep", "alpha", "grabcut", "network"}));
+  add_option(app, "--matting-network", arguments.matting_network, "; of --video")->default_str("");
   add_option(app, "--pose", arguments.pose)->check(one_of({"T"}));
   add_option(app, "--list", arguments.list);
   add_option(app, "--frames", options.frames)->check(whole_number(2, 10'000))->default_str("");
@@ -71,7 +90,7 @@ int main(int argc, char** argv) {
   add_option(app, "--speed", options.speed)->check(number(0.01, 100));
   add_option(app, "--travel", options.travel);
   add_option(app, "--drop-clips", arguments.drop_clips);
-  add_option(app, "--turntable", arguments.pictures);
+  add_option(app, "--turntable", arguments.pictures, "; of a --video its frames above the rig that followed them");
   add_option(app, "--output", arguments.request.out, ": a file for a file, a folder for a folder");
   add_option(app, "--format", arguments.request.format);
   program.add_common({"--keep-going", "--threads", "--json"});
@@ -79,10 +98,12 @@ int main(int argc, char** argv) {
     if (arguments.list) {
       refuse_given(app,
                    {"--output", "--format", "--motion", "--pose", "--frames", "--fps", "--speed", "--travel",
-                    "--drop-clips", "--turntable", "--keep-going"},
+                    "--drop-clips", "--turntable", "--keep-going", "--video", "--background", "--matting-network"},
                    "does not go with --list");
       return list(arguments, program.common);
     }
+    if (!arguments.video.empty()) return animate_from_video(app, arguments, program.common);
+    refuse_given(app, {"--background", "--matting-network"}, "is of frames of a --video");
     refuse_ignored(app, arguments);
     animate(app, arguments, program.common);
   });

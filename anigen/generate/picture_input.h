@@ -124,10 +124,11 @@ class ImagePreprocessor {
   PreprocessedImage run(const std::filesystem::path& picture, const std::filesystem::path& normal_map = {});
   /// @param normal_map nullptr: none; NormalSource::kFile needs one
   PreprocessedImage run(const InputPicture& picture, const InputPicture* normal_map = nullptr);
+  /// The whole picture without its background, or with it where the options keep it, and a sentence on what was done.
+  /// Transparent black outside the object; reduced to 1024 pixels where a background was removed.
+  io::Image object_of(const InputPicture& picture, std::vector<std::string>& notices);
 
  private:
-  /// Removes the background, or keeps it, and says so. Transparent black outside the object.
-  io::Image object_of(const InputPicture& picture, std::vector<std::string>& notices);
   /// A picture of normals as large as `object`; nothing for NormalSource::kColors.
   std::optional<io::Image> normals_of(const InputPicture& picture, const InputPicture* normal_map,
                                       const io::Image& object, std::vector<std::string>& notices);

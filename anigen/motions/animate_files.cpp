@@ -14,12 +14,11 @@
 #include "anigen/core/process.h"
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
-#include "anigen/io/gltf/add_animations.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/io/rigs/assimp_scene.h"
 #include "anigen/io/rigs/bvh.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/write_rigged.h"
+#include "anigen/motions/animated_file.h"
 #include "anigen/motions/contact.h"
 #include "anigen/motions/pictures.h"
 #include "anigen/motions/retargeted.h"
@@ -29,23 +28,6 @@ namespace anigen::motions {
 namespace {
 
 namespace fs = std::filesystem;
-
-const std::vector<std::string>& asset_extensions() {
-  static const std::vector<std::string> all = {".glb", ".gltf", ".fbx", ".dae"};
-  return all;
-}
-
-io::ImportedAsset read_asset(const fs::path& file) {
-  io::require_content(file);
-  if (!io::has_extension(file, asset_extensions()))
-    throw InputError(file.string(), "", "a rigged asset is a .glb, .gltf, .fbx or .dae");
-  io::ImportOptions options;
-  options.require_rig = false;
-  const bool is_gltf = io::has_extension(file, {".glb", ".gltf"});
-  io::ImportedAsset read = is_gltf ? io::read_gltf(file, options) : io::read_assimp(file, options);
-  read.asset.name = file.filename().string();
-  return read;
-}
 
 struct Job {
   fs::path asset, file;
@@ -59,7 +41,7 @@ std::vector<Job> jobs_of(const AnimateRequest& request) {
     return {{request.assets, request.out, request.assets.stem().string()}};
   }
   std::vector<Job> jobs;
-  for (const fs::path& file : io::files_below(request.assets, asset_extensions())) {
+  for (const fs::path& file : io::files_below(request.assets, animated_extensions())) {
     const fs::path below = fs::path(file.lexically_relative(request.assets)).replace_extension("");
     jobs.push_back({file, request.out / (below.string() + "." + request.format), below.string()});
   }
@@ -150,28 +132,6 @@ MadeClips make_clips(const Body& body, const Skeleton& skeleton, const AnimateRe
   return made;
 }
 
-void write_animated(const Job& job, Asset& asset, const std::vector<Animation>& clips, bool keep_clips,
-                    AnimateReport& report) {
-  const std::vector<std::string> gltf = {".glb", ".gltf"};
-  if (io::has_extension(job.asset, gltf) && io::has_extension(job.file, gltf)) {
-    try {
-      io::AddAnimationOptions options;
-      options.keep_clips = keep_clips;
-      for (const io::ImportNote& note : io::add_animations(job.asset, clips, job.file, options))
-        report.notes.push_back(note.message);
-      report.copied = true;
-      return;
-    } catch (const NotSupportedError& error) {
-      report.notes.push_back("written anew with base colour alone: " + std::string(error.what()));
-    }
-  }
-  if (!keep_clips) asset.animations.clear();
-  asset.animations.insert(asset.animations.end(), clips.begin(), clips.end());
-  io::ExportOptions options;
-  options.influences = std::max<std::size_t>(4, asset.skin.largest_row());
-  io::write_rigged(job.file, asset, options);
-}
-
 void draw(const AnimateRequest& request, const Job& job, bool several, const Asset& asset, const Animation& clip) {
   if (request.pictures.empty()) return;
   if (!io::has_extension(request.pictures, {".png"})) {
@@ -185,13 +145,13 @@ AnimateReport animate(const Job& job, const AnimateRequest& request, const std::
   AnimateReport report;
   report.asset = job.asset;
   report.file = job.file;
-  Asset asset = read_asset(job.asset).asset;
+  Asset asset = read_animated(job.asset).asset;
   const Body body = analyse(asset);
   report.limbs = describe(body);
   MadeClips made = make_clips(body, asset.skeleton, request, given);
   report.clips = std::move(made.reports);
   draw(request, job, several, asset, made.clips.front());
-  write_animated(job, asset, made.clips, request.keep_clips, report);
+  report.copied = write_animated(job.asset, asset, made.clips, request.keep_clips, job.file, report.notes);
   return report;
 }
 
@@ -289,7 +249,7 @@ Json listing(const fs::path& file) {
     const io::BvhMotion read = io::read_bvh(file);
     return {{"file", file.string()}, {"clips", clips_json({read.animation})}};
   }
-  const io::ImportedAsset read = read_asset(file);
+  const io::ImportedAsset read = read_animated(file);
   Json result = {{"file", file.string()}, {"clips", clips_json(read.asset.animations)}};
   if (read.asset.mesh.vertices.empty() || read.asset.skin.rows() == 0) return result;
   const Body body = analyse(read.asset);

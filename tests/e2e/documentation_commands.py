@@ -182,7 +182,7 @@ def fixtures(work, env):
     made.mkdir()
     train = (data / "splits/train.txt").read_text().split()
     test = (data / "splits/test.txt").read_text().split()[0]
-    for folder in ("rigs", "generated", "other", "meshes", "truth", "pictures", "weights"):
+    for folder in ("rigs", "generated", "other", "meshes", "truth", "pictures", "weights", "frames"):
         (made / folder).mkdir()
     for name, asset in (("horse", train[0]), ("bird", test)):
         for folder in ("rigs", "generated", "other", "meshes"):
@@ -190,7 +190,8 @@ def fixtures(work, env):
     for file, asset in (("statue.glb", train[0]), ("rig.glb", train[0]), ("dance.glb", train[1]), ("truth/fox.glb", test)):
         shutil.copy(data / f"assets/{asset}.glb", made / file)
     shutil.copy(data / f"renders/{train[0]}/mesh.ply", made / "body.ply")
-    for picture in ("frog.png", "pictures/fox.png", "front.png", "side.png", "back.png"):
+    for picture in ("frog.png", "pictures/fox.png", "front.png", "side.png", "back.png", "frames/0000.png",
+                    "frames/0001.png"):
         shutil.copy(data / f"renders_cond/{test}/000.png", made / picture)
     for asset in train + [test]:
         shutil.copy(data / f"skeleton/{asset}/skeleton_voxelized.npz", made / f"weights/{asset}.npz")

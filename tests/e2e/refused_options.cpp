@@ -262,6 +262,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses("anigen-animate a.glb --output b.glb --pose A", {"--pose"});
   check.refuses("anigen-animate a.glb --output b.glb --pose T --speed 2", {"--speed", "--pose"});
   check.refuses("anigen-animate a.glb --output b.glb --motion wag --travel", {"--travel", "walk"});
+  check.refuses("anigen-animate a.glb --output b.glb --video frames --motion walk", {"--motion", "--video"});
+  check.refuses("anigen-animate a.glb --output b.glb --background keep", {"--background", "--video"});
+  check.refuses("anigen-animate a.glb --list --video frames", {"--video", "--list"});
   check.refuses("anigen-animate a.glb --output b.glb --seed 1", {"--seed: anigen-animate has no such option"});
 
   const std::string shapes = "anigen-eval --pred a --dataset b --output c ";

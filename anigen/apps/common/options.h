@@ -44,6 +44,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--dataset-up", 0, "format|y-up|z-up", "Input", "Up axis of --dataset", "eval:--gt-axes"},
     {"--asset", 0, "PATH", "Input", "Rigged asset to animate, or folder of them: .glb .gltf .fbx .dae", ""},
     {"--motion", 0, "FILE[#CLIP]", "Input", "Motion: a .bvh, or a clip of a .glb, .gltf, .fbx or .dae", ""},
+    {"--video", 0, "PATH", "Input", "Video of the object to follow: a folder of frames by name, with cameras in its transforms.json or without, or a video file", ""},
     {"--config", 'c', "FILE", "Input", "JSON config [config.json of the output folder]", ""},
     {"--set", 0, "PATH.TO.KEY=VALUE", "Input", "Override a value of the config or experiment; repeatable", ""},
     // --- Output ---

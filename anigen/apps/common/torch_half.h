@@ -21,6 +21,7 @@ namespace rigging {
 struct LearnedSteps;
 }  // namespace rigging
 
+struct AnimateArguments;
 struct CommonOptions;
 struct EncodeArguments;
 struct EvalArguments;
@@ -58,6 +59,8 @@ struct TorchHalf {
   int (*train)(const TrainArguments& arguments, const CommonOptions& common);
 
   // Parts of programs.
+  /// anigen-animate --video.
+  void (*animate_from_video)(const AnimateArguments& arguments, const CommonOptions& common);
   /// anigen-rig --method retrieval.
   void (*retrieve)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-rig --method anigen, anymate or rignet; for auto the joints that it is sure of (LearnedSteps::sure).

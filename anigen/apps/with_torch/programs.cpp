@@ -24,6 +24,8 @@
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/generate/run_weights.h"
 #include "anigen/generate/trained_skin.h"
+#include "anigen/generate/video_animation.h"
+#include "anigen/motions/animate_files.h"
 #include "anigen/nn/profile.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/train/distributed/launch.h"
@@ -317,6 +319,24 @@ rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonO
       std::make_shared<generate::RignetRigger>(generate::load_rignet_models(files, device), rigger));
 }
 
+void animate_from_video(const AnimateArguments& arguments, const CommonOptions& common) {
+  nn::set_up_computing(common.threads);
+  generate::VideoAnimationRequest request;
+  request.asset = arguments.asset;
+  request.video = arguments.video;
+  request.out = arguments.request.out;
+  request.sheet = arguments.pictures;
+  request.fps = arguments.video_fps;
+  request.keep_clips = !arguments.drop_clips;
+  request.background = generate::parse_background(arguments.background);
+  request.matting.network = arguments.matting_network;
+  const bool removes =
+      request.background == generate::Background::kAuto || request.background == generate::Background::kNetwork;
+  if (removes && request.matting.network.empty()) request.matting.network = generate::shipped_matting();
+  const generate::VideoAnimationReport report = generate::animate_from_video(request);
+  print_result(generate::to_json(report), generate::to_text(report), common);
+}
+
 rigging::LearnedSteps learned_skin(const RigArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   const std::filesystem::path run =
@@ -430,9 +450,14 @@ std::string describe_weights(const std::string& run, Json& description) {
 /// The entry that torch_half() looks for.
 extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_half() {
   static const TorchHalf half{
-      nn::version_details, run_encode,       run_generate,          run_train,           retrieve,
-      learned_steps,       learned_skin,     add_perceptual_metric, skin_reconstruction, skin_corrections,
-      evaluate_structures, evaluate_matting, evaluate_oracle,       describe_weights,    vision::make_feature_extractor,
+      nn::version_details,   run_encode,
+      run_generate,          run_train,
+      animate_from_video,    retrieve,
+      learned_steps,         learned_skin,
+      add_perceptual_metric, skin_reconstruction,
+      skin_corrections,      evaluate_structures,
+      evaluate_matting,      evaluate_oracle,
+      describe_weights,      vision::make_feature_extractor,
   };
   return &half;
 }
