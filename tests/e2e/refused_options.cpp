@@ -176,6 +176,9 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(data + "--views 2 --cond-view-size 64", {"--cond-view-size"});
   check.refuses(data + "--view-geometry", {"--view-geometry"});
   check.refuses(data + "--pose-angle 20", {"--pose-angle", "--augment"});
+  check.refuses(data + "--key-frames", {"--key-frames", "--augment"});
+  check.refuses(data + "--augment 2 --key-frames --random-poses", {"--key-frames", "--random-poses"});
+  check.refuses(data + "--augment 2 --key-frames --pose-angle 20", {"--pose-angle", "--key-frames"});
   check.refuses(data + "--device cuda", {"--device", "--features"});
   check.refuses(data + "--features surface --views 2 --feature-weights w.pth", {"--feature-weights"});
   check.refuses(data + "--only import,skeleton --voxel-resolution 32", {"--voxel-resolution", "voxels"});
@@ -284,6 +287,8 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(oracle + "--slat-flow d --retrieval-views 2", {"--retrieval-views", "--oracle"});
   check.refuses(oracle + "--slat-flow d --ss-guidance 2,3", {"--ss-guidance", "one"});
   check.refuses(shapes + "--slat-steps 3", {"--slat-steps", "--oracle"});
+  check.refuses(shapes + "--cluster-algorithm paper", {"--cluster-algorithm", "--oracle"});
+  check.refuses(oracle + "--slat-flow d --cluster-algorithm printed", {"--cluster-algorithm", "paper"});
   check.refuses("anigen-experiment run x.json --seed 3", {"--seed: anigen-experiment has no such option"});
   check.refuses("anigen-experiment run x.json --together", {"--together", "--only"});
   check.refuses("anigen-inspect a.glb --output b.txt", {"b.txt", ".png", ".glb"});
