@@ -22,6 +22,7 @@
 #include "tests/generate/onnx_files.h"
 #include "tests/generate/red_matting.h"
 #include "tests/generate/small_runs.h"
+#include "tests/support/hinged_boxes.h"
 #include "tests/support/paths.h"
 
 namespace anigen::generate {
@@ -345,6 +346,25 @@ TEST_F(GenerateAssets, GivenVoxelsAndLatentsStandForWhatTheFlowsGive) {
   const GeneratedAsset decoded = generator.generate({}, {}, "a", options);
   EXPECT_EQ(decoded.decoded.asset.mesh.vertices, moved.decoded.asset.mesh.vertices);
   EXPECT_EQ(decoded.shape_voxels, moved.shape_voxels);
+}
+
+TEST(FinishAsset, RigidPartsComeLast) {
+  const Asset boxes = test::hinged_boxes(0.01F, 0.3F);
+  FinishingOptions options;
+  options.reduction = 0.0;
+  options.remove_hidden = false;
+  options.texture_size = 0;
+  options.smoothing_iterations = 1;
+  const FinishedAsset soft = finish_asset(boxes, options);
+  EXPECT_GT(soft.asset.skin.largest_row(), 1u);
+  EXPECT_TRUE(soft.rigid_parts.is_null());
+  options.rigid_parts = true;
+  const FinishedAsset rigid = finish_asset(boxes, options);
+  EXPECT_EQ(rigid.asset.skin.largest_row(), 1u);
+  EXPECT_EQ(rigid.notices.back(), "2 of 2 shells rigid, 100 % of the surface");
+  EXPECT_EQ(rigid.rigid_parts.at(1)["joint"], "lid");
+  options.rigid_share = 0.5;
+  EXPECT_THROW(finish_asset(boxes, options), InputError);
 }
 
 // Several images of one object make one asset: that of one image where all are equal, but for the last bits.
