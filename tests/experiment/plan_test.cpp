@@ -231,7 +231,7 @@ std::vector<fs::path> shipped() {
 class ShippedExperiments : public ExperimentFolder {};
 
 TEST_F(ShippedExperiments, AreReadAndPlanned) {
-  for (const char* name : {"anigen-generate", "anigen-rig"}) program(name, "#!/bin/bash\n");
+  for (const char* name : {"anigen-generate", "anigen-rig", "anigen-animate"}) program(name, "#!/bin/bash\n");
   ASSERT_GE(shipped().size(), 5u);
   for (const fs::path& file : shipped()) {
     SCOPED_TRACE(file.filename());
@@ -248,7 +248,7 @@ TEST_F(ShippedExperiments, AreReadAndPlanned) {
 }
 
 TEST_F(ShippedExperiments, OfThePapersHaveClaimsAndScalesAndAreCollected) {
-  for (const char* name : {"anigen-generate", "anigen-rig"}) program(name, "#!/bin/bash\n");
+  for (const char* name : {"anigen-generate", "anigen-rig", "anigen-animate"}) program(name, "#!/bin/bash\n");
   const fs::path folder = test::source_dir() / "experiments/paper";
   const auto all = read_collection(folder / "all.json");
   ASSERT_TRUE(all.has_value());
