@@ -243,6 +243,7 @@ class NpyMember {
   }
 
   const NpyHeader& header() const { return header_; }
+  std::uint64_t data() const { return reader_.position(); }  ///< before they are read
   const NpyPlace& place() const { return place_; }
   bool numeric() const { return header_.element.kind == NpyElement::Kind::kNumber; }
 
@@ -302,6 +303,11 @@ NamedArrays read_members(const ZipReader& archive, const std::vector<std::string
 }
 
 }  // namespace
+
+NpyMemberHeader read_npy_header(const ZipReader& archive, const ZipMember& member) {
+  const NpyMember npy(archive, member);
+  return {npy.header(), npy.data()};
+}
 
 NamedArrays read_npz(const std::filesystem::path& path) { return read_members(ZipReader(path), {}); }
 

@@ -181,6 +181,10 @@ NpzValue unpickle_object_array(std::string pickle, const std::vector<std::int64_
   return TreeBuilder(place, bytes).nested(root, 0);
 }
 
+NpzValue object_tree(const pickle::Value& value, std::size_t pickle_bytes, const NpyPlace& place) {
+  return TreeBuilder(place, pickle_bytes).value(value);
+}
+
 NpzValue decode_text_array(const NpyHeader& header, const std::string& raw, const NpyPlace& place) {
   const std::size_t size = header.element.size;
   std::size_t count = 0;

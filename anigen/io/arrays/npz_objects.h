@@ -5,6 +5,7 @@
 
 #include "anigen/io/arrays/npy.h"
 #include "anigen/io/arrays/npz.h"
+#include "anigen/io/arrays/pickle.h"
 
 namespace anigen::io {
 
@@ -12,6 +13,16 @@ namespace anigen::io {
 /// @param first_byte where the pickle begins in the member, for messages
 NpzValue unpickle_object_array(std::string pickle, const std::vector<std::int64_t>& shape, std::size_t first_byte,
                                const NpyPlace& place);
+
+/// A pickled object as a tree. @param pickle_bytes the pickle's size, which bounds the tree's
+NpzValue object_tree(const pickle::Value& value, std::size_t pickle_bytes, const NpyPlace& place);
+
+/// Header of an NPY member, and where its data begin in it. @throws InputError when they cannot be that array
+struct NpyMemberHeader {
+  NpyHeader header;
+  std::uint64_t data = 0;
+};
+NpyMemberHeader read_npy_header(const ZipReader& archive, const ZipMember& member);
 
 /// An array of fixed-width text ("<U12" or "|S12") as nested lists of strings.
 NpzValue decode_text_array(const NpyHeader& header, const std::string& raw, const NpyPlace& place);

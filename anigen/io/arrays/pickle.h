@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "anigen/io/arrays/ndarray.h"
@@ -54,10 +55,19 @@ const char* name_of(Kind kind);  ///< "list", "dict", …
 class Document {
  public:
   Document() = default;
+  explicit Document(std::string input) : input_(std::make_unique<const std::string>(std::move(input))) {}
   Document(Document&&) = default;
   Document& operator=(Document&&) = default;
 
   const Value& root() const { return *root_; }
+
+  /// Number of values and of kept texts: forget() goes back to it.
+  std::pair<std::size_t, std::size_t> extent() const { return {values_.size(), texts_.size()}; }
+  /// Drops all values and texts that were made since. Nothing may point at them any more.
+  void forget(const std::pair<std::size_t, std::size_t>& since) {
+    while (values_.size() > since.first) values_.pop_back();
+    while (texts_.size() > since.second) texts_.pop_back();
+  }
 
  private:
   friend class Machine;
@@ -69,9 +79,19 @@ class Document {
 };
 
 struct Source {
-  std::string file, member;     ///< for messages
-  std::size_t first_byte = 0;   ///< where the pickle begins in the member
-  bool torch_storages = false;  ///< persistent ids are torch storages, else refused
+  std::string file, member;      ///< for messages
+  std::uint64_t first_byte = 0;  ///< where the pickle begins in the member
+  bool torch_storages = false;   ///< persistent ids are torch storages, else refused
+  bool outline = false;          ///< numbers and text of arrays, and long bytes objects, are passed over
+};
+
+/// A pickle that is read piece by piece. May be read by several threads at once.
+class ByteSource {
+ public:
+  virtual ~ByteSource() = default;
+  virtual std::uint64_t size() const = 0;
+  /// Bytes [offset, offset + bytes), which are there. @throws InputError when they cannot be read
+  virtual void read(std::uint64_t offset, char* to, std::size_t bytes) const = 0;
 };
 
 /// Runs the pickle. Memory is bounded by a small multiple of its size.

@@ -83,11 +83,12 @@ const char* name_of(Kind kind) {
   return kNames[static_cast<int>(kind)];
 }
 
-Constructors::Constructors(Document& document, const Source& source, std::function<std::string()> place)
+Constructors::Constructors(Document& document, const Source& source, std::uint64_t pickle_bytes,
+                           std::function<std::string()> place)
     : document_(document),
       source_(source),
       place_(std::move(place)),
-      array_budget_(4 * document.input_->size() + kArrayAllowance) {}
+      array_budget_(4 * pickle_bytes + kArrayAllowance) {}
 
 void Constructors::fail(const std::string& problem) const { throw InputError(source_.file, place_(), problem); }
 void Constructors::refuse(const std::string& feature) const {
@@ -311,6 +312,7 @@ void Constructors::fill_array(Value& target, const Value& shape, const Value& dt
   std::size_t count = 0;
   if (!count_elements(target.sizes, std::max<std::size_t>(element.size, 1), count))
     fail("a numpy array whose shape overflows");
+  if (source_.outline && element.kind != NpyElement::Kind::kObject) return;
   if (element.kind == NpyElement::Kind::kNumber) {
     if (!is_text(data)) fail("a numpy array without its bytes");
     spend(data.text.size());

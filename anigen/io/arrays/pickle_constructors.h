@@ -12,7 +12,9 @@ namespace anigen::io::pickle {
 /// Meaning of calling an allowed name, or setting the state of what it made, means here.
 class Constructors {
  public:
-  Constructors(Document& document, const Source& source, std::function<std::string()> place);
+  /// @param pickle_bytes its size, which bounds what may be made of it
+  Constructors(Document& document, const Source& source, std::uint64_t pickle_bytes,
+               std::function<std::string()> place);
 
   Value* make(Kind kind);
   std::string_view keep(std::string text);

@@ -3,13 +3,17 @@
 #include <unistd.h>
 #include <algorithm>
 #include <cstdint>
-#include <map>
+#include <deque>
+#include <mutex>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/text.h"
 #include "anigen/io/arrays/npz_objects.h"
+#include "anigen/io/arrays/npz_samples.h"
 #include "anigen/io/rigs/rig_reader.h"
 
 namespace anigen::io {
@@ -62,6 +66,8 @@ NpzValue sample_list(const std::filesystem::path& file) {
     NpzValue value = std::move(read_npz_objects(file, {name}).front().second);
     if (holds_samples(value)) return value;
   }
+  if (lower_case(file.string()).find("tailorrig") != std::string::npos)
+    throw NotSupportedError(file.string(), "", "TailorRig's files, whose layout is not published");
   throw InputError(file.string(), "", "holds neither the arrays joints and vertices nor a list of sample dictionaries");
 }
 
@@ -167,67 +173,122 @@ namespace {
 
 class ArticulationXlSource : public ShapeSource {
  public:
-  explicit ArticulationXlSource(const std::filesystem::path& file, const SourceOptions& options)
-      : file_(file.string()) {
+  ArticulationXlSource(const std::filesystem::path& file, const SourceOptions& options)
+      : file_(file.string()), options_(options), apart_(NpzSamples::open(file, "uuid")) {
+    for (std::size_t i = 0; apart_ && i < apart_->size(); ++i) add_id(apart_->name(i), i);
+    if (apart_) return;
     const NpzValue samples = sample_list(file);
-    for (std::size_t i = 0; i < samples.items.size(); ++i) add(samples.items[i], i, options);
+    for (std::size_t i = 0; i < samples.items.size(); ++i) {
+      const NpzValue* uuid = samples.items[i].find("uuid");
+      add_id(uuid != nullptr && uuid->kind == NpzValue::Kind::kString ? uuid->text : "", i);
+      keep(samples.items[i]);
+    }
   }
 
   std::vector<std::string> ids() const override { return ids_; }
   RiggedShape read(const std::string& id) const override {
-    const Sample& kept = sample(id);
-    if (!kept.sound) throw InputError(file_, kept.place, kept.problem);
-    return kept.shape;
+    const std::size_t i = index(id);
+    if (apart_) return read_apart(i);
+    if (!kept_[i].problem.empty()) throw InputError(file_, kept_[i].place, kept_[i].problem);
+    return kept_[i].shape;
   }
 
   std::vector<std::filesystem::path> files(const std::string&) const override { return {file_}; }
   std::string describe() const override {
     constexpr std::size_t kMebibyte = std::size_t{1} << 20;
-    return "Articulation-XL file " + file_ + ": " + std::to_string(ids_.size()) + " samples, " +
-           std::to_string((bytes_ + kMebibyte - 1) / kMebibyte) + " MiB in memory";
+    const std::string text = "Articulation-XL file " + file_ + ": " + std::to_string(ids_.size()) + " samples";
+    return apart_ ? text : text + ", " + std::to_string((bytes_ + kMebibyte - 1) / kMebibyte) + " MiB in memory";
   }
 
-  std::string sample_id(const std::string& id) const override { return sample(id).content_id; }
+  std::string sample_id(const std::string& id) const override {
+    const std::size_t i = index(id);
+    if (!options_.content_ids) return "";
+    if (!apart_) return kept_[i].content_id;
+    std::string content;
+    const NpzValue sample = apart(i);
+    try {
+      shape_of(sample, id, &content);
+    } catch (const InputError&) {
+      if (content.empty()) throw;
+    }
+    return content;
+  }
 
   bool is_single_file() const override { return ids_.size() == 1; }
 
  private:
-  struct Sample {
+  struct Kept {
     RiggedShape shape;
     std::string place, problem;  ///< of a sample that cannot be read
     std::string content_id;
-    bool sound = false;
   };
-  void add(const NpzValue& sample, std::size_t index, const SourceOptions& options) {
+
+  void add_id(const std::string& id, std::size_t index) {
     const std::string place = "sample " + std::to_string(index);
-    const NpzValue* uuid = sample.find("uuid");
-    if (uuid == nullptr || uuid->kind != NpzValue::Kind::kString || uuid->text.empty())
-      throw InputError(file_, place, "has no uuid");
-    const std::string id = uuid->text;
-    const auto [there, is_new] = samples_.try_emplace(id);
-    if (!is_new) throw InputError(file_, place, "the uuid " + id + " appears twice");
+    if (id.empty()) throw InputError(file_, place, "has no uuid");
+    if (!indices_.emplace(id, index).second) throw InputError(file_, place, "the uuid " + id + " appears twice");
     ids_.push_back(id);
-    Sample& kept = there->second;
+  }
+
+  std::size_t index(const std::string& id) const {
+    const auto found = indices_.find(id);
+    if (found == indices_.end()) throw InputError(file_, "", "has no sample \"" + id + "\"");
+    return found->second;
+  }
+
+  /// Several methods are compared with a truth one after the other: the last few samples stay.
+  RiggedShape read_apart(std::size_t index) const {
+    constexpr std::size_t kRecent = 4;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      for (const auto& [known, shape] : recent_) {
+        if (known == index) return *shape;
+      }
+    }
+    auto shape = std::make_shared<const RiggedShape>(shape_of(apart(index), ids_[index], nullptr));
+    const std::lock_guard<std::mutex> lock(mutex_);
+    recent_.emplace_front(index, shape);
+    if (recent_.size() > kRecent) recent_.pop_back();
+    return *shape;
+  }
+
+  NpzValue apart(std::size_t index) const {
     try {
-      kept.shape = shape_from_articulation_xl(sample, id, file_, options.content_ids ? &kept.content_id : nullptr);
-      turn_to_z_up(kept.shape, options.axes, Axes::kZUp);
-      kept.sound = true;
+      return apart_->read(index);
+    } catch (const InputError& error) {
+      throw InputError(file_, "sample " + ids_[index] + ", " + error.place(), error.problem());
+    }
+  }
+
+  RiggedShape shape_of(const NpzValue& sample, const std::string& id, std::string* content_id) const {
+    try {
+      RiggedShape shape = shape_from_articulation_xl(sample, id, file_, content_id);
+      turn_to_z_up(shape, options_.axes, Axes::kZUp);
+      return shape;
+    } catch (const InputError& error) {
+      throw InputError(file_, "sample " + id + (error.place().empty() ? "" : ", " + error.place()), error.problem());
+    }
+  }
+
+  void keep(const NpzValue& sample) {
+    Kept& kept = kept_.emplace_back();
+    try {
+      kept.shape = shape_of(sample, ids_.back(), options_.content_ids ? &kept.content_id : nullptr);
       bytes_ += kept_bytes(kept.shape);
     } catch (const InputError& error) {
-      kept.place = "sample " + id + (error.place().empty() ? "" : ", " + error.place());
+      kept.place = error.place();
       kept.problem = error.problem();
     }
   }
 
-  const Sample& sample(const std::string& id) const {
-    const auto found = samples_.find(id);
-    if (found == samples_.end()) throw InputError(file_, "", "has no sample \"" + id + "\"");
-    return found->second;
-  }
-
   std::string file_;
+  SourceOptions options_;
+  std::unique_ptr<const NpzSamples> apart_;  ///< null: samples that share objects are read at once, and kept
   std::vector<std::string> ids_;
-  std::map<std::string, Sample> samples_;
+  std::unordered_map<std::string, std::size_t> indices_;
+  std::vector<Kept> kept_;
+  mutable std::mutex mutex_;
+  mutable std::deque<std::pair<std::size_t, std::shared_ptr<const RiggedShape>>> recent_;
   std::size_t bytes_ = 0;
 };
 

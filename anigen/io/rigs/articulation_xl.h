@@ -20,11 +20,12 @@ RiggedShape shape_from_articulation_xl(const NpzValue& sample, const std::string
                                        std::string* content_id = nullptr);
 
 /// An NPZ file with one object array of such dictionaries (any name; other members, such as the stray `allow_pickle`,
-/// are ignored). The whole file is read at once, which takes about three times its uncompressed size; then
-/// only shapes are kept, in single precision: about 32 bytes a vertex with its normal, 12 a face, 8 a weight.
+/// are ignored). Opening reads the file once and keeps where each sample lies (NpzSamples); a sample is read when it is
+/// asked for. Samples that share lists or arrays are all read at once, which takes about three times their uncompressed
+/// size, and kept in single precision.
 /// Samples that cannot be read are told of when they are read, and have an id all the same.
-/// @throws InputError when reading would take more memory than the machine has, no member holds sample dictionaries,
-/// a sample has no uuid, or two have the same one
+/// @throws InputError when the file is damaged, no member holds sample dictionaries, a sample has no uuid, two have the
+/// same one, or reading at once would take more memory than the machine has
 std::unique_ptr<ShapeSource> open_articulation_xl(const std::filesystem::path& file, const SourceOptions& options = {});
 
 }  // namespace anigen::io

@@ -18,8 +18,7 @@ std::string content_id(NamedArrays arrays);
 /// Reads listed rigs as assets: mesh, one skeleton with parents first, weights; Z up. The shard that was read last
 /// stays open, so samples are best read in the order of the listing; several threads may read at once.
 ///
-/// Memory: a `.pt` shard keeps its tensors on disk until a sample is read. Articulation-XL files are one compressed
-/// pickle, which can only be read whole.
+/// Memory: shards keep their arrays on disk until a sample is read.
 class RigReader {
  public:
   /// @return validate() finds nothing wrong with it; notes as of read_gltf(), among them "zero_weights" and

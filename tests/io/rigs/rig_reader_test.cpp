@@ -129,7 +129,7 @@ TEST_F(Formats, ArticulationXl) {
     EXPECT_EQ(source->read("other").joints.positions[1].y(), 7.0);
     EXPECT_EQ(test::refusal([&] { source->read("damaged"); }), "sample damaged, faces[0]: names vertex 99 of 6");
     EXPECT_EQ(test::refusal([&] { source->read("none"); }), "has no sample \"none\"");
-    EXPECT_NE(source->describe().find("3 samples, 1 MiB in memory"), std::string::npos) << source->describe();
+    EXPECT_EQ(source->describe(), "Articulation-XL file " + (folder_ / "xl.npz").string() + ": 3 samples");
   }
   test::write_articulation_xl(folder_ / "xl.npz", {rig_, rig_});
   EXPECT_EQ(test::refusal([&] { open_source(folder_ / "xl.npz"); }), "sample 1: the uuid sample appears twice");
