@@ -59,7 +59,7 @@ eval::EvaluationRequest shapes_request(const EvalArguments& options, const Commo
   request.splits = {options.splits.begin(), options.splits.end()};
   request.most = options.limit;
   request.out = options.output;
-  request.prediction_axes = io::parse_axes(options.prediction_up);
+  eval::set_prediction_axes(options.prediction_up, request);
   request.truth_axes = io::parse_axes(options.dataset_up);
   request.settings.seed = common.seed.value_or(0);
   if (!options.lpips_weights.empty()) torch_half("--lpips-weights").add_perceptual_metric(options, common, request);

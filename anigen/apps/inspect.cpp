@@ -10,6 +10,7 @@
 #include "anigen/eval/inspect.h"
 #include "anigen/eval/lint_files.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/rigs/samples.h"
 #include "anigen/io/write_rigged.h"
 
 namespace {
@@ -62,7 +63,7 @@ eval::InspectedFile inspect_one(const std::string& file, const InspectOptions& o
       throw InputError(file, "", "--weights needs the folder of a run, with config.json and ckpts");
     if (eval::is_geometry(kind)) {
       refuse_to_overwrite({options.image, options.exported}, [&] {
-        const auto sample = eval::sample_of(file);
+        const auto sample = io::sample_of(file);
         return io::files_read_with(sample ? sample->first : std::filesystem::path(file));
       });
       const eval::Geometry geometry = eval::read_geometry(file, kind);

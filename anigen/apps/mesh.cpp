@@ -17,6 +17,7 @@
 #include "anigen/geometry/simplify.h"
 #include "anigen/io/io.h"
 #include "anigen/io/rigs/rig_listing.h"
+#include "anigen/io/rigs/samples.h"
 #include "anigen/mesh_health/mesh_health.h"
 
 namespace {
@@ -201,7 +202,7 @@ void make_mesh(const MeshArguments& arguments, const std::string& label, const W
   const auto started = std::chrono::steady_clock::now();
   const Format format = format_of(arguments.output);
   refuse_to_overwrite({arguments.output}, [&] {
-    const auto sample = eval::sample_of(arguments.input);
+    const auto sample = io::sample_of(arguments.input);
     return io::files_read_with(sample ? sample->first : fs::path(arguments.input));
   });
   const Asset asset = read_surface(arguments.input);

@@ -10,6 +10,7 @@
 #include "anigen/eval/metric_table.h"
 #include "anigen/eval/pair.h"
 #include "anigen/eval/pairs.h"
+#include "anigen/eval/pairs_csv.h"
 #include "anigen/eval/protocol.h"
 #include "anigen/eval/skeleton_groups.h"
 #include "anigen/eval/skin_baselines.h"

@@ -9,9 +9,11 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/pairs.h"
+#include "anigen/eval/pairs_csv.h"
 #include "anigen/eval/protocol.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/metrics/motion.h"
@@ -32,7 +34,7 @@ struct Opened {
 
 ComparedMethod from_pairs(const std::string& label, const fs::path& csv, const EvaluationRequest& request,
                           std::vector<std::string>& unused) {
-  PairedSources sources = read_pairs_csv(csv, {request.truth_axes}, {request.prediction_axes});
+  PairedSources sources = read_pairs_csv(csv, {request.truth_axes}, {request.axes_of(label)});
   unused = sources.list.unused;
   return {label, std::move(sources.prediction), std::move(sources.truth), std::move(sources.list.pairs)};
 }
@@ -67,6 +69,14 @@ Pairing pairing_of(const std::vector<PairPlan>& pairs, std::vector<std::string> 
   return pairing;
 }
 
+/// Every name in --pred-up is that of a prediction.
+void require_named(const EvaluationRequest& request, const std::set<std::string>& labels) {
+  for (const auto& [label, axes] : request.axes_of_methods) {
+    if (labels.count(label) == 0)
+      throw InputError("", "--pred-up", "no --pred is called '" + label + "'; there are " + joined(labels));
+  }
+}
+
 Opened open(const EvaluationRequest& request) {
   Opened opened;
   std::set<std::string> labels;
@@ -81,10 +91,11 @@ Opened open(const EvaluationRequest& request) {
     } else {
       if (request.truth.empty())
         throw InputError(text, "", "needs --dataset with the ground truth, unless it is a CSV of pairs");
-      opened.methods.push_back({label, io::open_source(path, {request.prediction_axes}), nullptr, {}});
+      opened.methods.push_back({label, io::open_source(path, {request.axes_of(label)}), nullptr, {}});
     }
     opened.described["predictions"][label] = opened.methods.back().predictions->describe();
   }
+  require_named(request, labels);
   if (!request.truth.empty()) {
     opened.truth = io::open_source(request.truth, {request.truth_axes, asks_for_contents(request, opened.methods)});
     opened.described["ground_truth"] = opened.truth->describe();
@@ -224,6 +235,23 @@ void write(const Comparison& comparison, const EvaluationRequest& request, const
 }
 
 }  // namespace
+
+io::Axes EvaluationRequest::axes_of(const std::string& method) const {
+  const auto own = axes_of_methods.find(method);
+  return own == axes_of_methods.end() ? prediction_axes : own->second;
+}
+
+void set_prediction_axes(const std::vector<std::string>& words, EvaluationRequest& request) {
+  bool for_all = false;
+  for (const std::string& word : words) {
+    const std::size_t sign = word.rfind('=');
+    const io::Axes axes = io::parse_axes(sign == std::string::npos ? word : word.substr(sign + 1));
+    const bool is_new = sign == std::string::npos ? !std::exchange(for_all, true)
+                                                  : request.axes_of_methods.emplace(word.substr(0, sign), axes).second;
+    if (!is_new) throw InputError("", "--pred-up", "'" + word + "': the up axis of these predictions is given twice");
+    if (sign == std::string::npos) request.prediction_axes = axes;
+  }
+}
 
 std::pair<std::string, fs::path> named_path(const std::string& text) {
   const std::size_t sign = text.find('=');

@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +25,7 @@ struct EvaluationRequest {
   std::vector<std::filesystem::path> category_splits;
   std::filesystem::path out;
   io::Axes prediction_axes = io::Axes::kFormat, truth_axes = io::Axes::kFormat;
+  std::map<std::string, io::Axes> axes_of_methods;  ///< by name, where they differ from prediction_axes
   PairSettings settings;
   metrics::PerceptualDistance
       perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
@@ -34,7 +36,13 @@ struct EvaluationRequest {
   std::string motion;                ///< FILE or FILE#CLIP that every truth moves by (read_motion()); empty: its own
   std::size_t motions_pictured = 0;  ///< assets drawn in motion: into out/motion and the report
   std::string worst_by;
+
+  io::Axes axes_of(const std::string& method) const;
 };
+
+/// Words of --pred-up, "z-up" for all predictions and "NAME=z-up" for those called so, into the request.
+/// @throws InputError for another word, and for one prediction's axis given twice
+void set_prediction_axes(const std::vector<std::string>& words, EvaluationRequest& request);
 
 /// Evaluates and writes metrics.json, metrics.csv, table.md, table.tex and report.html into request.out, and
 /// protocol.md where one is asked for; results of
@@ -54,11 +62,11 @@ namespace anigen {
 /// The command line of anigen-eval.
 struct EvalArguments {
   eval::EvaluationRequest shapes;  ///< of --pred, as far as it is not below in the words of the command line
-  std::vector<std::string> splits, lpips_weights, groups;
+  std::vector<std::string> splits, lpips_weights, groups, prediction_up;
   std::string dataset, output, skin_ae, skins;
   std::vector<std::string> skin_runs;
   std::string protocol;
-  std::string normalization = "centroid-rms", prediction_up = "format", dataset_up = "format", transport = "exact";
+  std::string normalization = "centroid-rms", dataset_up = "format", transport = "exact";
   std::size_t report_images = 4;
   bool no_icp = false, point_to_plane = false, force = false, no_report = false;
   // Sparse structures.

@@ -20,6 +20,7 @@
 #include "anigen/io/rigs/rig_arrays.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rigged_shape.h"
+#include "anigen/io/rigs/samples.h"
 #include "anigen/io/rigs/text_rig.h"
 
 namespace anigen::eval {
@@ -84,7 +85,7 @@ io::ImportedAsset imported(io::RiggedShape shape) {
 /// @param id of the sample; empty for a file that is one shape
 Geometry shape(const fs::path& file, const std::string& id, FileKind kind) {
   const auto source = io::open_meshes(file);
-  const std::string wanted = id.empty() ? source->ids().front() : id;
+  const std::string wanted = id.empty() ? source->ids().front() : io::sample_called(*source, id, file.string());
   Geometry geometry;
   geometry.imported = imported(source->read(wanted));
   const std::string extension = io::lower_extension(file);
@@ -375,27 +376,15 @@ Geometry read_geometry(const fs::path& path, FileKind kind) {
   if (kind == FileKind::kScene) return scene(path);
   if (kind == FileKind::kMotion) return motion(path);
   if (kind == FileKind::kMesh || kind == FileKind::kTextRig || kind == FileKind::kRigNpz) return shape(path, "", kind);
-  const auto sample = kind == FileKind::kSample ? sample_of(path) : std::nullopt;
+  const auto sample = kind == FileKind::kSample ? io::sample_of(path) : std::nullopt;
   if (sample) return shape(sample->first, sample->second, kind);
   throw InputError(path.string(), "", "holds no mesh and no skeleton");
-}
-
-std::optional<std::pair<fs::path, std::string>> sample_of(const fs::path& path) {
-  const std::string text = path.string();
-  std::error_code ignored;
-  if (fs::exists(path, ignored)) return std::nullopt;
-  // Ids may hold the sign, too.
-  for (std::size_t sign = text.find('#'); sign != std::string::npos; sign = text.find('#', sign + 1)) {
-    if (fs::exists(text.substr(0, sign), ignored))
-      return std::pair{fs::path(text.substr(0, sign)), text.substr(sign + 1)};
-  }
-  return std::nullopt;
 }
 
 FileKind file_kind(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) {
-    if (sample_of(path)) return FileKind::kSample;
+    if (io::sample_of(path)) return FileKind::kSample;
     throw InputError(path.string(), "", "no such file or folder");
   }
   if (fs::is_directory(path, ignored)) return folder_kind(path);

@@ -1,6 +1,5 @@
 #pragma once
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -25,9 +24,6 @@ enum class FileKind {
   kRun,
   kFolder  ///< another folder with files of these kinds
 };
-
-/// The two parts of FILE#ID, where such a file or folder exists; nothing where the whole is a file, or none exists.
-std::optional<std::pair<std::filesystem::path, std::string>> sample_of(const std::filesystem::path& path);
 
 /// By extension, and by content where that says too little (.npz .pt .pth .txt, folders: metadata.csv is a data set's,
 /// config.json or ckpts a run's). @throws InputError for anything else

@@ -234,6 +234,24 @@ void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {
   result.set("anymate_emd_exact", metrics::wasserstein1(predicted, truth).distance);
 }
 
+/// Puppeteer's scores, which leave larger skeletons out.
+void add_puppeteer_skin(const metrics::SkinMatrixView& predicted, const metrics::SkinMatrixView& truth,
+                        PairResult& result) {
+  const auto joints = static_cast<std::size_t>(truth.cols());
+  if (joints > metrics::kPuppeteerMostJoints) {
+    const std::string reason = "Puppeteer scores no weights of more than " +
+                               std::to_string(metrics::kPuppeteerMostJoints) + " joints; the ground truth has " +
+                               std::to_string(joints);
+    for (const char* key : {"puppeteer.skin_precision", "puppeteer.skin_recall", "puppeteer.skin_l1"})
+      result.skip(key, reason);
+    return;
+  }
+  const metrics::PuppeteerSkinScore puppeteer = metrics::puppeteer_skin(predicted, truth);
+  result.set("puppeteer.skin_precision", puppeteer.overlap.precision);
+  result.set("puppeteer.skin_recall", puppeteer.overlap.recall);
+  result.set("puppeteer.skin_l1", puppeteer.l1);
+}
+
 /// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.
 void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
                       PairResult& result) {
@@ -263,10 +281,7 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
   const metrics::SkinOverlap overlap = metrics::rignet_skin_overlap(matched_matrix, truth_matrix);
   result.set("skin_precision", overlap.precision);
   result.set("skin_recall", overlap.recall);
-  const metrics::PuppeteerSkinScore puppeteer = metrics::puppeteer_skin(matched_matrix, truth_matrix);
-  result.set("puppeteer.skin_precision", puppeteer.overlap.precision);
-  result.set("puppeteer.skin_recall", puppeteer.overlap.recall);
-  result.set("puppeteer.skin_l1", puppeteer.l1);
+  add_puppeteer_skin(matched_matrix, truth_matrix, result);
   const metrics::AnymateSkinScore anymate = metrics::anymate_skin(matched_matrix, truth_matrix);
   result.set("skin_ce", anymate.cross_entropy);
   result.set("skin_cos", 1.0 - anymate.cos_loss);
@@ -469,8 +484,35 @@ PairResult pair_result_from_json(const Json& json, const std::string& file) {
   }
 }
 
+namespace {
+
+/// True for a rig without a mesh that was made for the truth's: its weights are for as many vertices, or everything is
+/// compared in the truth's frame, which is that of a given mesh.
+bool is_for_given_mesh(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings) {
+  if (!predicted.mesh.vertices.empty() || !predicted.has_joints() || truth.mesh.vertices.empty()) return false;
+  using Mode = metrics::NormalizationMode;
+  const Mode mode = settings.alignment.normalization;
+  return predicted.skin.rows() == truth.mesh.vertices.size() || mode == Mode::kTruth || mode == Mode::kTruthWithJoints;
+}
+
+io::RiggedShape on_given_mesh(const io::RiggedShape& predicted, const io::RiggedShape& truth) {
+  io::RiggedShape shape = predicted;
+  shape.mesh.vertices = truth.mesh.vertices;
+  shape.mesh.faces = truth.mesh.faces;
+  shape.notes.emplace_back("it has no mesh, and is taken for a rig of the ground truth's");
+  if (shape.skin.rows() > 0 && !shape.has_skin()) {
+    shape.notes.push_back("its weights for " + std::to_string(shape.skin.rows()) + " vertices are of another mesh");
+    shape.skin = {};
+  }
+  return shape;
+}
+
+}  // namespace
+
 ComparedShapes bring_together(const io::RiggedShape& predicted, const io::RiggedShape& truth,
                               const PairSettings& settings) {
+  if (is_for_given_mesh(predicted, truth, settings))
+    return bring_together(on_given_mesh(predicted, truth), truth, settings);
   metrics::AlignmentOptions options = settings.alignment;
   options.registration.seed = settings.seed;
   ComparedShapes shapes;

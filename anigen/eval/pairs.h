@@ -38,19 +38,6 @@ bool ends_in_sha256(const std::string& id);
 PairList match_pairs(const io::ShapeSource& truth, const io::ShapeSource& prediction,
                      const std::vector<std::string>& truth_ids);
 
-/// Both sides of a CSV of pairs, and the rows.
-struct PairedSources {
-  std::unique_ptr<io::ShapeSource> truth, prediction;
-  PairList list;
-};
-
-/// Reads a CSV with the header pred,gt and optionally id. Each cell is the path of a file with one shape, relative to
-/// the CSV. Rows are called by their id, else by the truth's file name without extension. An empty or missing `pred`
-/// is a row with its reason; a missing `gt` shows when it is read.
-/// @throws InputError naming the row: a column or a truth missing, two rows with one id
-PairedSources read_pairs_csv(const std::filesystem::path& csv, const io::SourceOptions& truth_options = {},
-                             const io::SourceOptions& prediction_options = {});
-
 /// Keeps the items that split files name, one a line, by any of their names (io::NameIndex); blank lines and lines
 /// starting with '#' are skipped. @throws InputError naming the line for a name that no item has, or several
 std::vector<io::DatasetItem> select_split(const std::vector<io::DatasetItem>& items,

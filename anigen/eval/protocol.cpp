@@ -94,6 +94,8 @@ const EvaluationProtocol& evaluation_protocol(const std::string& word) {
   }
   if (word == "skintokens")
     throw NotSupportedError("", "--protocol", "skintokens, of whose evaluation no program or definition is published");
+  if (word == "tailorrig")
+    throw NotSupportedError("", "--protocol", "TailorRig's files, whose layout is not published");
   throw InputError("", "--protocol", "\"" + word + "\" is none of " + joined(words));
 }
 

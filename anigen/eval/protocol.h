@@ -27,7 +27,8 @@ struct EvaluationProtocol {
 /// anigen, magicarticulate, puppeteer, rignet, unirig, anymate.
 const std::vector<EvaluationProtocol>& evaluation_protocols();
 
-/// @throws NotSupportedError for skintokens, whose evaluation is not published; InputError for another word
+/// @throws NotSupportedError for skintokens and tailorrig, of which too little is published; InputError for another
+/// word
 const EvaluationProtocol& evaluation_protocol(const std::string& word);
 
 /// Sets what the protocol fixes, and the groups of metrics that its columns need.

@@ -95,8 +95,10 @@ AnymateConnectivityScore anymate_connectivity(const Eigen::MatrixXd& predicted, 
 /// −Σ_k y_ik ln(p_ik + 1e-6), [J].
 Eigen::VectorXd anymate_cross_entropy(const Eigen::MatrixXd& predicted, const Eigen::MatrixXd& truth);
 
-inline constexpr double kPuppeteerMerge = 0.0025;    ///< joints nearer than this are one
-inline constexpr double kPuppeteerConnect = 0.02;    ///< components nearer than this are joined in a joint
+inline constexpr double kPuppeteerMerge = 0.0025;  ///< joints nearer than this are one
+inline constexpr double kPuppeteerConnect = 0.02;  ///< components nearer than this are joined in a joint
+/// Samples with more joints are in no table of its weights: its network reads so many, padded and masked.
+inline constexpr std::size_t kPuppeteerMostJoints = 70;
 inline constexpr std::size_t kLargestForest = 3000;  ///< joints of a forest whose components can be connected
 
 /// Cleaning by MagicArticulate and Puppeteer of prediction and ground truth before they measure

@@ -2,6 +2,7 @@
 
 #include "anigen/core/files.h"
 #include "anigen/eval/pairs.h"
+#include "anigen/eval/pairs_csv.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "tests/io/arrays/array_file_bytes.h"

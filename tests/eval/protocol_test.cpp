@@ -114,6 +114,52 @@ TEST(Protocols, WeightsAreThresholdedAsEachDoes) {
   EXPECT_NEAR(scored("anymate", predicted, truth).value("skin_ce"), -std::log(0.9 + 1e-6), 1e-6);
 }
 
+// By hand: 0.6 and 0.4 are both kept (0.4 > 0.15 · 0.6); of two joints a vertex one is right, and |0.6 − 1| + 0.4 =
+// 0.8.
+TEST(Protocols, PuppeteersWeightsByHand) {
+  const io::RiggedShape truth = boxed_chain(kTrue);
+  io::RiggedShape predicted = boxed_chain(kTrue);
+  predicted.skin = {};
+  for (std::size_t v = 0; v < predicted.mesh.vertices.size(); ++v) predicted.skin.append_row({{0, 0.6F}, {1, 0.4F}});
+  const PairResult result = scored("puppeteer", predicted, truth);
+  EXPECT_NEAR(result.value("puppeteer.skin_precision"), 0.5, 1e-6);
+  EXPECT_NEAR(result.value("puppeteer.skin_recall"), 1.0, 1e-6);
+  EXPECT_NEAR(result.value("puppeteer.skin_l1"), 0.8, 1e-6);
+}
+
+TEST(Protocols, PuppeteerScoresNoWeightsOfMoreThan70Joints) {
+  for (const std::size_t count : {70u, 71u}) {
+    Points joints;
+    for (std::size_t j = 0; j < count; ++j) joints.emplace_back(0.1 + 0.025 * static_cast<double>(j), 0.5, 0.5);
+    const io::RiggedShape shape = boxed_chain(joints);
+    const PairResult result = scored("puppeteer", shape, shape);
+    EXPECT_NEAR(result.value("puppeteer.j2j"), 0.0, 1e-3) << "its skeletons have no such limit";
+    if (count == 70u) {
+      EXPECT_NEAR(result.value("puppeteer.skin_recall"), 1.0, 1e-6);
+      continue;
+    }
+    for (const char* key : {"puppeteer.skin_precision", "puppeteer.skin_recall", "puppeteer.skin_l1"})
+      EXPECT_EQ(result.not_computed.at(key),
+                "Puppeteer scores no weights of more than 70 joints; the ground truth has 71");
+    EXPECT_NEAR(result.value("skin_l1"), 0.0, 1e-6) << "other metrics have them";
+  }
+}
+
+// The rig of a text file without a mesh: its rows of weights are for the vertices of the mesh that it was made for.
+TEST(Protocols, ARigWithoutAMeshIsForTheGivenOne) {
+  const io::RiggedShape truth = boxed_chain(kTrue);
+  io::RiggedShape predicted = boxed_chain(kPredicted);
+  predicted.mesh = {};
+  const PairResult result = scored("puppeteer", predicted, truth);
+  EXPECT_NEAR(result.value("puppeteer.j2j"), 0.1, 2e-4);
+  EXPECT_NEAR(result.value("puppeteer.skin_recall"), 1.0, 1e-6);
+  predicted.skin.append_row({{0, 1.0F}});
+  const PairResult other = scored("puppeteer", predicted, truth);
+  EXPECT_EQ(other.values.count("puppeteer.skin_recall"), 0u) << "weights of another mesh";
+  EXPECT_EQ(other.not_computed.at("puppeteer.skin_recall"), "the prediction has no skin weights");
+  EXPECT_NEAR(other.value("puppeteer.j2j"), 0.1, 2e-4);
+}
+
 TEST(Protocols, NameMetricsThatThereAre) {
   for (const EvaluationProtocol& protocol : evaluation_protocols()) {
     SCOPED_TRACE(protocol.word);
@@ -124,6 +170,14 @@ TEST(Protocols, NameMetricsThatThereAre) {
     EXPECT_NO_THROW(check(settings));
   }
   EXPECT_THROW(evaluation_protocol("skintokens"), NotSupportedError);
+  try {
+    evaluation_protocol("tailorrig");
+    ADD_FAILURE() << "is not published";
+  } catch (const NotSupportedError& error) {
+    EXPECT_NE(std::string(error.what()).find("not supported: TailorRig's files, whose layout is not published"),
+              std::string::npos)
+        << error.what();
+  }
   EXPECT_THROW(evaluation_protocol("other"), InputError);
 }
 

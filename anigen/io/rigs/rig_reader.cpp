@@ -11,6 +11,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/log.h"
+#include "anigen/core/text.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/container.h"
 #include "anigen/io/mtl.h"
@@ -19,6 +20,7 @@
 #include "anigen/io/rigs/articulation_xl.h"
 #include "anigen/io/rigs/assimp_scene.h"
 #include "anigen/io/rigs/rig_arrays.h"
+#include "anigen/io/rigs/samples.h"
 #include "anigen/io/rigs/text_rig.h"
 #include "anigen/io/stl.h"
 #include "anigen/io/three_mf.h"
@@ -128,12 +130,8 @@ std::unique_ptr<ShapeSource> single(const fs::path& file, const Format& format, 
                                           std::string(format.name) + " " + file.string(), true);
 }
 
-std::unique_ptr<ShapeSource> several(const fs::path& folder, const std::vector<fs::path>& files, Format format,
-                                     const SourceOptions& options) {
-  return std::make_unique<FileListSource>(
-      entries_below(folder, files), reader(format, options),
-      std::to_string(files.size()) + " " + format.name + (files.size() == 1 ? "" : "s") + " in " + folder.string(),
-      false);
+std::string counted(std::size_t count, const std::string& name) {
+  return std::to_string(count) + " " + name + (count == 1 ? "" : "s");
 }
 
 std::unique_ptr<ShapeSource> open_npz(const fs::path& file, const SourceOptions& options) {
@@ -141,6 +139,16 @@ std::unique_ptr<ShapeSource> open_npz(const fs::path& file, const SourceOptions&
   if (is_rig_npz(file)) return single(file, kRigNpz, options);
   return open_articulation_xl(file, options);
 }
+
+/// A file that holds one rig, by its extension. Any other .npz says what is wrong with it.
+constexpr Format kAnyRig = {"rig", [](const fs::path& file, const std::string& id, const SourceOptions& options) {
+                              const std::string extension = lower_extension(file);
+                              if (extension == ".txt") return kTextRig.read(file, id, options);
+                              if (extension != ".npz") return kScene.read(file, id, options);
+                              if (is_rig_npz(file)) return kRigNpz.read(file, id, options);
+                              const std::unique_ptr<ShapeSource> shard = open_articulation_xl(file, options);
+                              return shard->read(shard->ids().front());
+                            }};
 
 std::unique_ptr<ShapeSource> open_file(const fs::path& file, const SourceOptions& options) {
   const std::string extension = lower_extension(file);
@@ -164,6 +172,23 @@ std::vector<fs::path> without_companions(const std::vector<fs::path>& scenes) {
   return generated.empty() ? scenes : generated;
 }
 
+/// Of a folder's NPZ files those with many samples, opened; the others stay in the list. A damaged one is a rig that
+/// cannot be read: it hides nothing else.
+std::vector<std::unique_ptr<ShapeSource>> take_shards(std::vector<fs::path>& files, const SourceOptions& options) {
+  std::vector<std::unique_ptr<ShapeSource>> shards;
+  const auto is_shard = [&](const fs::path& file) {
+    try {
+      if (is_rig_npz(file)) return false;
+      shards.push_back(open_articulation_xl(file, options));
+      return true;
+    } catch (const InputError&) {
+      return false;
+    }
+  };
+  files.erase(std::remove_if(files.begin(), files.end(), is_shard), files.end());
+  return shards;
+}
+
 std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOptions& options) {
   if (fs::exists(folder / "metadata.csv") && fs::is_directory(folder / "skeleton"))
     return std::make_unique<DatasetSource>(folder, options);
@@ -177,30 +202,36 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
   std::copy_if(npz.begin(), npz.end(), std::back_inserter(raw_data),
                [](const fs::path& file) { return file.filename() == "raw_data.npz"; });
   if (!raw_data.empty()) npz = raw_data;
+  std::vector<std::unique_ptr<ShapeSource>> parts = take_shards(npz, options);
+  const bool has_shards = !parts.empty();
 
-  std::string found;
-  int formats = 0;
-  const auto count = [&](std::size_t files, const char* what) {
-    if (files == 0) return;
-    ++formats;
-    found += (found.empty() ? "" : ", ") + std::to_string(files) + " " + what;
+  std::vector<std::string> found;
+  std::vector<fs::path> singles;
+  const auto add = [&](const std::vector<fs::path>& files, const Format& format) {
+    if (!files.empty()) found.push_back(counted(files.size(), format.name));
+    singles.insert(singles.end(), files.begin(), files.end());
   };
-  count(scenes.size(), "glTF/FBX/DAE");
-  count(npz.size(), "NPZ");
-  count(torch.size(), "PyTorch");
-  count(text.size(), "text rigs");
-  if (formats == 0) {
+  add(scenes, kScene);
+  add(npz, kRigNpz);
+  add(text, kTextRig);
+  if (has_shards) found.push_back(counted(parts.size(), "Articulation-XL file"));
+  if (!torch.empty()) {
+    found.push_back(counted(torch.size(), "Anymate file"));
+    parts.push_back(open_anymate(torch, options, false));
+  }
+  if (found.empty()) {
     throw InputError(
         folder.string(), "",
         "holds nothing that can be read: no .glb, .gltf, .fbx, .dae, .npz, .pt, text rig, or metadata.csv with "
         "skeleton/");
   }
-  if (formats > 1)
-    throw InputError(folder.string(), "", "holds several formats (" + found + "); name a sub-folder with one of them");
-  if (!scenes.empty()) return several(folder, scenes, kScene, options);
-  if (!text.empty()) return several(folder, text, kTextRig, options);
-  if (!torch.empty()) return open_anymate(torch, options, false);
-  return several(folder, npz, kRigNpz, options);
+  const std::string description = joined(found) + " in " + folder.string();
+  if (!singles.empty()) {
+    std::sort(singles.begin(), singles.end());
+    parts.insert(parts.begin(), std::make_unique<FileListSource>(entries_below(folder, singles),
+                                                                 reader(kAnyRig, options), description, false));
+  }
+  return parts.size() == 1 && !has_shards ? std::move(parts.front()) : joined_sources(std::move(parts), description);
 }
 
 }  // namespace
@@ -208,7 +239,13 @@ std::unique_ptr<ShapeSource> open_folder(const fs::path& folder, const SourceOpt
 std::unique_ptr<ShapeSource> open_source(const fs::path& path, const SourceOptions& options) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) throw InputError(path.string(), "", "there is no such file or folder");
+  if (!fs::exists(status)) {
+    const auto sample = sample_of(path);
+    if (!sample) throw InputError(path.string(), "", "there is no such file or folder");
+    std::unique_ptr<ShapeSource> source = open_source(sample->first, options);
+    const std::string id = sample_called(*source, sample->second, sample->first.string());
+    return single_sample(std::move(source), id);
+  }
   return fs::is_directory(status) ? open_folder(path, options) : open_file(path, options);
 }
 

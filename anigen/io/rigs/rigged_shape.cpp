@@ -53,7 +53,7 @@ Asset to_asset(const RiggedShape& shape) {
   asset.materials = shape.materials;
   asset.images = shape.images;
   asset.skeleton = skeleton_from_joints(positions, parents, names);
-  asset.skin = shape.skin;
+  if (!shape.mesh.vertices.empty()) asset.skin = shape.skin;
   for (Influence& influence : asset.skin.influences)
     influence.joint = static_cast<std::int32_t>(place[at(influence.joint)]);
   return asset;

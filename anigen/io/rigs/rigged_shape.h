@@ -33,7 +33,8 @@ struct RiggedShape {
   std::vector<EncodedImage> images;
   anigen::JointTree joints;              ///< checked; empty only when the file has no skeleton
   std::vector<std::string> joint_names;  ///< [J] or empty
-  SkinWeights skin;                      ///< one row per vertex, or no rows when the file has no weights
+  /// One row per vertex, or no rows when the file has no weights; without vertices, of the mesh that the rig is for.
+  SkinWeights skin;
   /// Clip that moves the joints, which keep the skeleton's order; null without a clip. It stays as the file's format
   /// has it when the shape is turned or moved: `clips_turn` leads from there to the frame that the shape was read into.
   std::shared_ptr<const RigClips> clips;
@@ -213,16 +214,17 @@ struct SourceOptions {
 ///     holds files called mesh.glb beside generation.json, as anigen-generate writes them, only those count,
 ///     and NPZ files beside them do not;
 ///   - a data set folder with metadata.csv and skeleton/ (Z up; ids are its sha256 column);
-///   - .npz with an object array of sample dictionaries, as Articulation-XL 2.0 has them (Z up; ids are uuids; read
-///     whole and kept);
+///   - .npz with an object array of sample dictionaries, as Articulation-XL 2.0 has them (Z up; ids are uuids);
 ///   - .npz with plain arrays joints, parents, skin, vertices, faces as UniRig's raw_data.npz and our
 ///     skeleton_voxelized.npz have them, or a folder of those (Z up). Where a folder holds files called raw_data.npz,
 ///     only those count;
 ///   - text rigs, each beside an .obj, or a folder of those (Y up; text_rig.h);
-///   - .pt sample lists of Anymate, or a folder of those (Y up; ids are their names).
+///   - .pt sample lists of Anymate, or a folder of those (Y up; ids are their names);
+///   - one sample of a file with many: FILE#SAMPLE, its id or its number from 0.
+/// A folder may hold several of these formats, shards among them.
 /// Ids of files in a folder: the path below the folder without extension, such as "fish/manta"; but where every file
 /// lies alone in a sub-folder of its own ("<id>/result.glb"), that sub-folder's path.
-/// @throws InputError when nothing there can be read, a folder mixes formats, two files have one id, or an index
+/// @throws InputError when nothing there can be read, two shapes have one id, or an index
 /// (metadata.csv, the list of samples) is damaged; damage of single shapes shows when they are read
 std::unique_ptr<ShapeSource> open_source(const std::filesystem::path& path, const SourceOptions& options = {});
 

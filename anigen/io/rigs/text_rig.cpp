@@ -1,5 +1,6 @@
 #include "anigen/io/rigs/text_rig.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -188,6 +189,25 @@ class TextRigParser : TextLines {
 
 }  // namespace
 
+namespace {
+
+/// Weights without the mesh that they count the vertices of. Lines number nearly all vertices, where they are a rig's.
+void keep_weights_alone(const TextRig& rig, RiggedShape& shape) {
+  std::size_t vertices = 0;
+  for (const TextRig::SkinLine& line : rig.skin)
+    vertices = std::max(vertices, static_cast<std::size_t>(line.vertex) + 1);
+  constexpr std::size_t kMostGaps = 8, kFew = 1024;
+  if (vertices == 0 || vertices > kMostGaps * rig.skin.size() + kFew) return;
+  SkinRows rows(vertices, shape.joints.size(), shape.file);
+  for (const TextRig::SkinLine& line : rig.skin) {
+    for (const auto& [joint, weight] : line.weights)
+      rows.add(line.vertex, joint, weight, "line " + std::to_string(line.line));
+  }
+  rows.finish(rig.root, shape);
+}
+
+}  // namespace
+
 RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes) {
   const std::string text = read_file(file, kMostTextBytes), name = file.string();
   TextRig rig = TextRigParser(text, name).parse();
@@ -210,6 +230,7 @@ RiggedShape read_text_rig(const fs::path& file, const std::string& id, Axes axes
     if (!rig.skin.empty()) rows.finish(rig.root, shape);
   } else {
     shape.notes.push_back("there is no " + file.stem().string() + ".obj with its mesh");
+    keep_weights_alone(rig, shape);
   }
   turn_to_z_up(shape, axes, Axes::kYUp);
   note_missing_parts(shape);

@@ -16,7 +16,7 @@ std::filesystem::path mesh_of_text_rig(const std::filesystem::path& rig);
 ///   hier <parent> <child>
 ///   skin <vertex from 0> <joint> <weight> [<joint> <weight> …]
 /// Empty lines and lines that start with '#' are skipped. Vertices keep the OBJ file's numbers, which skin lines count;
-/// without a mesh the weights are left out. RigNet's data are Y up with y from 0.
+/// without a mesh the weights are rows for vertices that somebody else has. RigNet's data are Y up with y from 0.
 /// @param axes kZUp for rigs whose writer kept Z up
 /// @throws InputError naming the line: an unknown keyword or joint name, a joint or its parent given twice, a wrong
 /// number of words, a number that is none or not finite, a vertex weighted twice or not in the mesh; and without a line

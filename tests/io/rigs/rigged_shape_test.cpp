@@ -389,7 +389,7 @@ TEST_F(OpenSource, RefusesWhatItCannotTell) {
   EXPECT_EQ(problem("empty").substr(0, 35), "holds nothing that can be read: no ");
   test::write_quickly(path("a/x.glb"), "x");
   test::write_quickly(path("a/y.npz"), "x");
-  EXPECT_EQ(problem("a"), "holds several formats (1 glTF/FBX/DAE, 1 NPZ); name a sub-folder with one of them");
+  EXPECT_EQ(open_source(path("a"))->ids(), (Ids{"x", "y"})) << "damage shows when they are read";
   test::write_quickly(path("b/x.glb"), "x");
   test::write_quickly(path("b/x.gltf"), "x");
   EXPECT_EQ(problem("b"), "its id \"x\" is also that of " + path("b/x.glb").string() + "; keep one of them");
