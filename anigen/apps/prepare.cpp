@@ -12,6 +12,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/prepare/dataset.h"
+#include "anigen/prepare/export_shard.h"
 #include "anigen/prepare/workers.h"
 
 namespace {
@@ -223,7 +224,8 @@ int main(int argc, char** argv) {
       "  anigen-prepare -o data/xl --input articulation_xl.npz --test-count 1000 --shard 3/16\n"
       "  anigen-prepare -o data/xl --input articulation_xl.npz --test-split test_uuids.txt\n"
       "  anigen-prepare -o data/stream --stream 500 --shards 8 --no-assets\n"
-      "  anigen-prepare merge -d data/xl");
+      "  anigen-prepare merge -d data/xl\n"
+      "  anigen-prepare export -d data/xl --split data/xl/splits/test.txt -o mine_test.npz");
   CLI::App& app = program.app;
   Arguments arguments;
   arguments.options.plan.condition_views.size = 1024;
@@ -232,6 +234,15 @@ int main(int argc, char** argv) {
                                     "Checks that every asset of a dataset whose shards have finished is complete, and "
                                     "makes its tables, splits and card");
   add_option(merge, "--dataset", merged)->required();
+  prepare::ExportRequest exported;
+  std::vector<std::string> exported_splits;
+  CLI::App& exporting = program.command("export",
+                                        "Writes the rigs of a dataset, a folder or a shard into one file with many: "
+                                        ".npz as Articulation-XL 2.0 has them, .pt as Anymate");
+  add_option(exporting, "--dataset", exported.source)->required();
+  add_option(exporting, "--split", exported_splits);
+  add_option(exporting, "--limit", exported.most)->check(whole_number(0));
+  add_option(exporting, "--output", exported.out, "; .npz or .pt")->required();
   add_source_options(app, arguments);
   add_step_options(app, arguments);
   add_table_options(app, arguments);
@@ -245,6 +256,17 @@ int main(int argc, char** argv) {
       refuse_given(app, {"--keep-going", "--seed", "--device"}, "has no meaning for merge");
       const prepare::PrepareSummary summary = prepare::merge_dataset(merged);
       return print_result(to_json(summary), to_text(summary), program.common);
+    }
+    if (exporting.parsed()) {
+      for (std::size_t i = 0; i < own_options; ++i)
+        refuse_given(app, {app.get_options()[i]->get_name()}, "has no meaning for export, whose options follow it");
+      refuse_given(app, {"--seed", "--device"}, "has no meaning for export");
+      exported.splits = {exported_splits.begin(), exported_splits.end()};
+      exported.keep_going = program.common.keep_going;
+      const prepare::ExportSummary summary = prepare::export_shard(exported);
+      return print_result({{"written", summary.written}, {"left_out", summary.left_out}},
+                          std::to_string(summary.written) + " rigs were written into " + exported.out.string() + "\n",
+                          program.common);
     }
     if (arguments.options.out.empty()) throw InputError("", "--output", "which folder shall hold the dataset?");
     refuse_ignored(app, arguments);
