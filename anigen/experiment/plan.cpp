@@ -57,8 +57,8 @@ Resources read_resources(ConfigReader& step, const std::string& program, const s
 }
 
 const std::vector<std::string>& programs() {
-  static const std::vector<std::string> names{"anigen-prepare",  "anigen-train", "anigen-encode",
-                                              "anigen-generate", "anigen-rig",   "anigen-eval"};
+  static const std::vector<std::string> names{"anigen-prepare", "anigen-train", "anigen-encode", "anigen-generate",
+                                              "anigen-rig",     "anigen-eval",  "anigen-animate"};
   return names;
 }
 
@@ -144,7 +144,7 @@ bool uses_device(const std::string& program, const Json& arguments) {
   if (program == "anigen-rig")
     return given("--method") && (arguments["--method"] == "anymate" || arguments["--method"] == "rignet");
   if (program == "anigen-eval") return given("--ss-flow") || given("--skin-ae") || given("--lpips-weights");
-  return program != "anigen-inspect";
+  return program != "anigen-inspect" && program != "anigen-animate";
 }
 
 /// One variant with one seed, step by step.

@@ -153,10 +153,39 @@ double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vect
   return closest;
 }
 
+namespace {
+
+// Area vectors of a closed surface cancel; those of a sheet do not.
+bool faces_one_way(const Mesh& mesh) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double areas = 0.0;
+  for (const Triangle& face : mesh.faces) {
+    const auto is_vertex = [&](std::int32_t i) { return i >= 0 && static_cast<std::size_t>(i) < mesh.vertices.size(); };
+    if (!std::all_of(face.begin(), face.end(), is_vertex)) continue;
+    const auto corner = [&](std::size_t k) {
+      return Eigen::Vector3d(mesh.vertices[static_cast<std::size_t>(face[k])].cast<double>());
+    };
+    const Eigen::Vector3d area = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    sum += area;
+    areas += area.norm();
+  }
+  return sum.norm() >= 0.5 * areas;
+}
+
+}  // namespace
+
 double outside_share(const std::vector<Eigen::Vector3d>& joints, const Mesh& mesh) {
   if (joints.empty()) return 0.0;
-  const double margin = 1e-4 * bounding_box(mesh.vertices).diagonal();
-  const std::vector<bool> inside = geometry::InsideTest(mesh.vertices, mesh.faces).inside(joints, margin);
+  const Box box = bounding_box(mesh.vertices);
+  const double margin = 1e-4 * box.diagonal();
+  std::vector<bool> inside;
+  if (faces_one_way(mesh)) {
+    for (const Eigen::Vector3d& joint : joints)
+      inside.push_back((joint.array() >= box.low.array() - margin).all() &&
+                       (joint.array() <= box.high.array() + margin).all());
+  } else {
+    inside = geometry::InsideTest(mesh.vertices, mesh.faces).inside(joints, margin);
+  }
   const auto outside = std::count(inside.begin(), inside.end(), false);
   return static_cast<double>(outside) / static_cast<double>(joints.size());
 }

@@ -72,8 +72,8 @@ inline constexpr double kNoPair = 1e9;
 double closest_bones(const std::vector<Eigen::Vector3f>& joints, const std::vector<int>& parents);
 
 /// The share of joints outside the mesh (geometry::InsideTest); those within 1e-4 of the diagonal of its box from the
-/// surface are inside.
-/// @return 0 without joints
+/// surface are inside. A sheet, whose area vectors add up to half of its area or more, surrounds nothing: there its box
+/// decides. @return 0 without joints
 double outside_share(const std::vector<Eigen::Vector3d>& joints, const Mesh& mesh);
 
 /// Limits that decide `is_bad_skeleton` and `is_bad_skin`.

@@ -25,7 +25,7 @@ class MethodCosts : public ExperimentFolder {
       "steps": {
         "data": {"program": "anigen-prepare", "args": {"--procedural": 3}},
         "fit": {"program": "anigen-train", "config": "train.json", "args": {"--dataset": "{data}"}},
-        "shapes": {"program": "anigen-encode", "args": {"--dataset": "{data}"}},
+        "shapes": {"program": "anigen-encode", "output": "--output", "args": {"--dataset": "{data}"}},
         "rigs": {"program": "anigen-eval", "args": {"--pred": "a={fit}", "--dataset": "{shapes}"}}
       },
       "seeds": [0, 1], "seeded": ["fit"],
@@ -135,7 +135,7 @@ TEST_F(MethodCosts, BadOnesNameTheKey) {
     return error_of([&] { experiment(text); });
   };
   EXPECT_NE(message("\"*.glb\"", "\"mesh.glb\"").find("files"), std::string::npos);
-  EXPECT_NE(message("[\"fit\"]", "[\"fits/decoder\"]").find("models"), std::string::npos);
+  EXPECT_NE(message("\"models\": [\"fit\"]", "\"models\": [\"fits/decoder\"]").find("models"), std::string::npos);
   EXPECT_NE(message("[\"shapes\"]", "[\"shape\"]").find("before"), std::string::npos);
   EXPECT_NE(message("", "", claim("money", "half", "both")).find("cost"), std::string::npos);
   EXPECT_NE(message("", "", claim("seconds", "half", "nobody")).find("nobody"), std::string::npos);

@@ -94,6 +94,10 @@ TEST(Cleaning, SkeletonsOutsideTheMeshAreDropped) {
   // In the bounding box of a bent body, but not in it.
   for (Eigen::Vector3f& vertex : asset.mesh.vertices) vertex.z() += 4.0f * vertex.x() * vertex.x();
   EXPECT_EQ(outside_share({{0, 0, 0}, {0, 0, 0.5}, {0, 0, 0.9}, {0.25, 0, 0.25}}, asset.mesh), 0.5);
+  Mesh cloth;
+  cloth.vertices = {{0, 0, 0}, {1, 0, 0.1F}, {1, 1, 0}, {0, 1, 0.1F}};
+  cloth.faces = {{0, 1, 2}, {0, 2, 3}};
+  EXPECT_EQ(outside_share({{0.5, 0.5, 0.09}, {0.5, 0.5, 2}}, cloth), 0.5) << "a sheet has a box, but no inside";
 }
 
 TEST(Cleaning, WeightSumsAndNamesAreThoseOfTheFile) {
