@@ -82,6 +82,7 @@ function(anigen_app name)
   anigen_compile_options(${name})
   target_precompile_headers(${name} REUSE_FROM anigen_core_pch)
   add_dependencies(programs ${name})
+  set_property(DIRECTORY APPEND PROPERTY ANIGEN_PROGRAMS ${name})
 endfunction()
 
 function(anigen_test folder)

@@ -9,6 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/hash.h"
+#include "anigen/core/job.h"
 #include "anigen/core/kernel_form.h"
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/job.h"
 
 #if defined(__GLIBC__)
 #include <malloc.h>
@@ -87,7 +88,8 @@ void Progress::advance(std::size_t steps) {
   const std::lock_guard<std::mutex> lock(mutex_);
   done_ += steps;
   const double since = std::chrono::duration<double>(std::chrono::steady_clock::now() - drawn_).count();
-  if (since >= (::isatty(STDERR_FILENO) ? 0.2 : 10.0)) draw(false);
+  const double between = current_job() != nullptr ? 0.05 : ::isatty(STDERR_FILENO) != 0 ? 0.2 : 10.0;
+  if (since >= between) draw(false);
 }
 
 void Progress::finish() {
@@ -98,6 +100,10 @@ void Progress::finish() {
 }
 
 void Progress::draw(bool last) {
+  if (Job* job = current_job()) {
+    drawn_ = std::chrono::steady_clock::now();
+    return job->report(label_, last || total_ == 0 ? 1.0 : static_cast<double>(done_) / static_cast<double>(total_));
+  }
   if (quiet_setting) return;
   drawn_ = std::chrono::steady_clock::now();
   const double elapsed = std::chrono::duration<double>(drawn_ - started_).count();

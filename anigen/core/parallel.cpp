@@ -16,6 +16,8 @@
 #include <string>
 #include <thread>
 
+#include "anigen/core/job.h"
+
 namespace anigen {
 
 namespace {
@@ -130,7 +132,11 @@ void parallel_for(std::size_t n, const std::function<void(std::size_t)>& body) {
     for (std::size_t i = 0; i < n; ++i) body(i);
     return;
   }
-  tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) { body(i); });
+  Job* job = current_job();
+  tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
+    const JobScope scope(job);
+    body(i);
+  });
 }
 
 Cores find_cores(const fs::path& root) {

@@ -20,6 +20,7 @@
 #include <thread>
 
 #include "anigen/core/error.h"
+#include "anigen/core/job.h"
 #include "anigen/core/random.h"
 
 namespace anigen {
@@ -299,10 +300,14 @@ void install_interrupt_handler() {
   std::signal(SIGTERM, handle);
 }
 
-bool interrupt_requested() { return requested != 0; }
+bool interrupt_requested() {
+  const Job* job = current_job();
+  return requested != 0 || (job != nullptr && job->cancelled());
+}
 
 void throw_if_interrupted() {
-  if (interrupt_requested()) throw Interrupted("interrupted; what was finished is saved");
+  if (requested != 0) throw Interrupted("interrupted; what was finished is saved");
+  if (interrupt_requested()) throw Interrupted("cancelled");
 }
 
 ChildProcess::ChildProcess(const ChildProgram& program) : last_signal_(program.last_signal) {

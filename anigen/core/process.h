@@ -88,9 +88,10 @@ bool while_group_is_empty(const std::filesystem::path& file, const std::function
 /// From now on SIGINT and SIGTERM only raise a flag that long work polls; a second signal ends the process at once.
 void install_interrupt_handler();
 
+/// The flag is up, or this thread's job (core/job.h) was cancelled.
 bool interrupt_requested();
 
-/// @throws Interrupted when the flag is up. Call where everything worth keeping has been saved.
+/// @throws Interrupted when interrupt_requested(). Call where everything worth keeping has been saved.
 void throw_if_interrupted();
 
 /// A program to be started.

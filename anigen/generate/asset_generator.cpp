@@ -4,6 +4,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
+#include "anigen/core/process.h"
 #include "anigen/generate/run_weights.h"
 #include "anigen/nn/profile.h"
 #include "anigen/sparse_structure/autoencoder.h"
@@ -30,7 +31,10 @@ class Stopwatch {
 
 flow::SamplingExtras with_progress(Progress& progress) {
   flow::SamplingExtras extras;
-  extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
+  extras.progress = [&](std::int64_t, std::int64_t) {
+    throw_if_interrupted();
+    progress.advance();
+  };
   return extras;
 }
 

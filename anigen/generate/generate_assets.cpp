@@ -19,20 +19,18 @@
 #include "anigen/core/run_folder.h"
 #include "anigen/core/version.h"
 #include "anigen/generate/assemble.h"
+#include "anigen/generate/asset_maker.h"
 #include "anigen/generate/latent_records.h"
-#include "anigen/generate/picture_colors.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/obj.h"
-#include "anigen/motions/built_in.h"
 #include "anigen/nn/profile.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
 #include "anigen/sparse_structure/voxel_picture.h"
 #include "anigen/structured_latent/decoder.h"
-#include "anigen/vision/dsine.h"
 
 namespace anigen::generate {
 
@@ -130,24 +128,14 @@ std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path
 constexpr const char* kConditions[] = {"trained", "color", "normal"};
 constexpr const char* kAverages[] = {"usual", "always", "never"};
 
-// A skeleton that no idle clip fits gets none, which is said.
-void add_idle_clip(Asset& asset, std::vector<std::string>& notices) {
-  try {
-    asset.animations.push_back(motions::idle_clip(asset));
-  } catch (const InputError& problem) {
-    notices.push_back(std::string("no idle clip: ") + problem.what());
-  }
-}
-
 class Generation {
  public:
-  explicit Generation(const GenerateRequest& request)
-      : request_(request), generator_(request.models), pictures_(request, generator_) {}
+  explicit Generation(const GenerateRequest& request) : request_(request), maker_(request) {}
 
   /// An asset that was made before, here or by another process, of these inputs.
   std::optional<GenerationReport> kept(const NamedPicture& picture, const std::string& name) const {
     GenerationReport report = report_of(name);
-    if (request_.again || !is_there(report, generation_settings(request_, generator_.runs(), picture)))
+    if (request_.again || !is_there(report, generation_settings(request_, maker_.generator().runs(), picture)))
       return std::nullopt;
     for (const char* file : kIntermediate) {
       std::error_code error;
@@ -178,7 +166,7 @@ class Generation {
     GenerationReport report = report_of(name);
     try {
       if (request_.started) request_.started(picture);
-      make(picture, generation_settings(request_, generator_.runs(), picture), report);
+      make(picture, generation_settings(request_, maker_.generator().runs(), picture), report);
     } catch (...) {
       report.failure = failure_of_item();
     }
@@ -207,77 +195,36 @@ class Generation {
     return true;
   }
 
-  /// The views of an object as the flows see them.
-  struct SeenViews {
-    std::vector<torch::Tensor> first, second;  ///< [1, 3, S, S] each, by the two flows
-    std::vector<io::Image> pictures, normals;  ///< the same: colours; normals where the first flow sees them
-    std::vector<io::Image> parts;              ///< crops for colours
-    std::vector<std::string> notices;
-  };
-
-  SeenViews see(const NamedPicture& picture) {
-    std::vector<std::map<int, PreprocessedImage>> views = pictures_.of_views(picture);
-    SeenViews seen;
-    for (std::size_t view = 0; view < views.size(); ++view) {
-      const PreprocessedImage& first = views[view].at(generator_.structure_size());
-      const PreprocessedImage& second = views[view].at(generator_.latent_size());
-      const bool normals = generator_.structure_sees_normals();
-      seen.first.push_back(normals ? first.normals_tensor : first.picture_tensor);
-      seen.second.push_back(second.picture_tensor);
-      seen.pictures.push_back(second.picture);
-      if (normals) seen.normals.push_back(first.normals);
-      seen.parts.push_back(second.part);
-      const std::string whose = views.size() > 1 ? "view " + std::to_string(view + 1) + ": " : "";
-      for (const std::string& notice : first.notices) seen.notices.push_back(whose + notice);
-    }
-    return seen;
-  }
-
   void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
     std::error_code error;
     fs::remove(report.folder / kReportFile, error);
     for (const char* stale : kObj) fs::remove(report.folder / stale, error);
     for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
     const auto started = std::chrono::steady_clock::now();
-    const SeenViews seen = see(picture);
-    GeneratedAsset made =
-        generator_.generate(torch::cat(seen.first), torch::cat(seen.second), report.name, request_.sampling);
-    throw_if_interrupted();
-    std::vector<std::string> notices = seen.notices;
-    if (request_.picture_colors && made.cameras) {
-      const PaintedVertices painted = paint_from_pictures(made.decoded.asset, seen.parts, *made.cameras);
-      notices.push_back("colours from the picture for " + std::to_string(painted.seen) + " vertices, mirrored for " +
-                        std::to_string(painted.mirrored) + ", decoded for " + std::to_string(painted.decoded));
-    }
-    FinishedAsset finished =
-        finish_asset(made.decoded.asset, finishing_of_flow(request_.finishing, request_.models.latent_flow));
-
+    const MadeAsset result = maker_.make(picture, report.name, request_.sampling);
+    const GeneratedAsset& made = result.generated;
+    const FinishedAsset& finished = result.finished;
     io::ExportOptions axes;
-    if (request_.published_axes) {
-      axes.axes = io::ExportAxes::kPublished;
-      finished.asset.skeleton = io::unrotated_in_file(finished.asset.skeleton, axes.axes);
-    }
-    if (request_.idle) add_idle_clip(finished.asset, notices);
-    const io::Image shown = side_by_side(seen.pictures);
+    if (request_.published_axes) axes.axes = io::ExportAxes::kPublished;
+    const io::Image shown = side_by_side(result.pictures);
     io::write_png(report.folder / "processed_image.png", shown);
-    if (!seen.normals.empty()) io::write_png(report.folder / "processed_normal.png", side_by_side(seen.normals));
+    if (!result.normals.empty()) io::write_png(report.folder / "processed_normal.png", side_by_side(result.normals));
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
     if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
     io::write_gltf(report.folder / "skeleton.glb", geometry::skeleton_asset(finished.asset.skeleton), axes);
-    io::write_png(report.folder / "preview.png", preview(seen.pictures, made, finished.asset));
+    io::write_png(report.folder / "preview.png", preview(result.pictures, made, finished.asset));
     if (request_.intermediate) {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
-      if (!generator_.shape_alone()) write_votes(report.folder / "votes.glb", made.decoded.votes);
+      if (!maker_.generator().shape_alone()) write_votes(report.folder / "votes.glb", made.decoded.votes);
       io::write_png(report.folder / "voxels.png", sparse_structure::voxel_picture(made.voxels, 512));
       write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
                               request_.models.structure_flow);
       write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);
     }
-    notices.insert(notices.end(), finished.notices.begin(), finished.notices.end());
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
     report.details = {{"made_by", made_by()},
                       {"settings", settings},
-                      {"notices", notices},
+                      {"notices", result.notices},
                       {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}},
                       {"joints", finished.asset.skeleton.size()},
                       {"vertices", finished.asset.mesh.vertices.size()},
@@ -294,8 +241,7 @@ class Generation {
   }
 
   const GenerateRequest& request_;
-  AssetGenerator generator_;
-  ConditionPictures pictures_;
+  AssetMaker maker_;
 };
 
 /// Stale files are removed, too, so all names count, whatever is asked for.
@@ -318,47 +264,6 @@ void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<Name
 }
 
 }  // namespace
-
-ConditionPictures::ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator) {
-  std::shared_ptr<vision::NormalEstimator> estimator;
-  const NormalSource normals = request.pictures.normals;
-  if (!generator.structure_sees_normals() && normals != NormalSource::kAuto && normals != NormalSource::kColors)
-    throw InputError("", "--normals", "the first flow sees colours, as trained or by --condition color: leave it out");
-  if (generator.structure_sees_normals() && request.pictures.normals == NormalSource::kEstimator) {
-    if (request.estimator_weights.empty()) throw InputError("", "--normal-weights", "the estimator needs its weights");
-    estimator =
-        std::make_shared<vision::DsineNormals>(request.estimator_weights, nn::parse_device(request.models.device));
-  }
-  for (const int size : {generator.structure_size(), generator.latent_size()}) {
-    if (by_size_.count(size) > 0) continue;
-    PreprocessingOptions options = request.pictures;
-    options.size = size;
-    if (!generator.structure_sees_normals()) options.normals = NormalSource::kColors;
-    takes_maps_ = options.normals == NormalSource::kAuto;
-    by_size_[size] = std::make_unique<ImagePreprocessor>(options, estimator);
-  }
-}
-
-std::map<int, PreprocessedImage> ConditionPictures::of(const NamedPicture& picture) {
-  std::map<int, PreprocessedImage> seen;
-  for (auto& [size, preprocessor] : by_size_) seen[size] = preprocessor->run(picture.file, picture.normal_map);
-  return seen;
-}
-
-std::vector<std::map<int, PreprocessedImage>> ConditionPictures::of_views(const NamedPicture& picture) {
-  std::vector<std::map<int, PreprocessedImage>> seen;
-  for (const NamedPicture& view : picture.others) {
-    if (!takes_maps_ || view.normal_map.empty() == picture.normal_map.empty()) continue;
-    const NamedPicture& with = view.normal_map.empty() ? picture : view;
-    const NamedPicture& without = view.normal_map.empty() ? view : picture;
-    throw InputError(without.file.string(), "views",
-                     "comes without a map of normals, and " + with.file.string() +
-                         ", of the same object, with one: views must be of one kind; --normals color takes no map");
-  }
-  seen.push_back(of(picture));
-  for (const NamedPicture& view : picture.others) seen.push_back(of(view));
-  return seen;
-}
 
 Json generation_settings(const GenerateRequest& request, const std::vector<fs::path>& runs,
                          const NamedPicture& picture) {

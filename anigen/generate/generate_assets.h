@@ -32,24 +32,6 @@ struct GenerateRequest {
   std::function<void(const NamedPicture&)> started = nullptr;
 };
 
-/// A picture as the two flows see it; a size that both see is made once.
-class ConditionPictures {
- public:
-  /// @throws InputError on a source of normals that the flows do not see, or that lacks its weights
-  ConditionPictures(const GenerateRequest& request, const AssetGenerator& generator);
-
-  /// By size: AssetGenerator::structure_size() and latent_size(). Of the first view of an object.
-  /// @throws InputError as ImagePreprocessor::run()
-  std::map<int, PreprocessedImage> of(const NamedPicture& picture);
-  /// Of every view, the first first. @throws InputError also when the flows would see views of different kinds: normals
-  /// of some, colours of others
-  std::vector<std::map<int, PreprocessedImage>> of_views(const NamedPicture& picture);
-
- private:
-  std::map<int, std::unique_ptr<ImagePreprocessor>> by_size_;
-  bool takes_maps_ = false;  // where there are some, which decides what a view shows
-};
-
 /// Everything that decides what is made of a picture, with names, sizes and times of its files and the runs'.
 /// @param runs AssetGenerator::runs()
 Json generation_settings(const GenerateRequest& request, const std::vector<std::filesystem::path>& runs,

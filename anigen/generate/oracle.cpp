@@ -15,6 +15,7 @@
 #include "anigen/core/version.h"
 #include "anigen/data/metadata.h"
 #include "anigen/data/voxel_files.h"
+#include "anigen/generate/asset_maker.h"
 #include "anigen/io/gltf/gltf.h"
 
 namespace anigen::generate {

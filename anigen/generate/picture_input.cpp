@@ -84,11 +84,10 @@ io::Image map_of(const InputPicture& map, const io::Image& object, std::vector<s
 
 // A PNG, JPEG (CMYK too), WebP, BMP or TIFF of any depth, as 8-bit RGBA: grey becomes three equal channels, 16 bit
 // are rounded to 8, palettes are resolved with their alpha.
-InputPicture read_input_picture(const std::filesystem::path& path) {
-  const std::string file = read_file(path, kMostFileBytes);
+InputPicture decoded_picture(const std::string& file, const std::string& name) {
   const std::vector<std::uint8_t> bytes(file.begin(), file.end());
   InputPicture picture;
-  picture.name = path.string();
+  picture.name = name;
   if (!bytes.empty()) {  // before the pixels are decoded
     const io::PictureSize announced = io::probe_picture(bytes, picture.name);
     if (announced.known) refuse_picture_size(announced.width, announced.height, picture.name);
@@ -99,6 +98,10 @@ InputPicture read_input_picture(const std::filesystem::path& path) {
   if (picture.turned) picture.image = io::upright(picture.image, orientation);
   check_input_picture(picture.image, picture.name);
   return picture;
+}
+
+InputPicture read_input_picture(const std::filesystem::path& path) {
+  return decoded_picture(read_file(path, kMostFileBytes), path.string());
 }
 
 // The estimate for a whole picture, its alpha ignored.
@@ -252,9 +255,10 @@ ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
     throw InputError("", "background", "'network' needs a matting network, a trained run or an ONNX file");
 }
 
-PreprocessedImage ImagePreprocessor::run(const std::filesystem::path& picture,
-                                         const std::filesystem::path& normal_map) {
-  const InputPicture input = read_input_picture(picture);
+PreprocessedImage ImagePreprocessor::run(const NamedPicture& picture) {
+  const std::filesystem::path& normal_map = picture.normal_map;
+  const InputPicture input = picture.contents.empty() ? read_input_picture(picture.file)
+                                                      : decoded_picture(picture.contents, picture.file.string());
   const bool reads = options_.normals == NormalSource::kFile || options_.normals == NormalSource::kAuto;
   if (!reads || normal_map.empty()) return run(input);
   const InputPicture map = read_input_picture(normal_map);

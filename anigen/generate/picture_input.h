@@ -31,7 +31,8 @@ struct NamedPicture {
   std::filesystem::path file;
   std::string name;
   std::filesystem::path
-      normal_map;  ///< the surface normals seen in it, as normal_picture() colours them; empty: unknown
+      normal_map;        ///< the surface normals seen in it, as normal_picture() colours them; empty: unknown
+  std::string contents;  ///< the encoded image itself, where it is in memory; empty: that of the file
   std::vector<NamedPicture> others;             ///< further images of the same object, whose names do not matter
   NamedPicture(std::filesystem::path picture);  ///< called as the file, without its ending
   NamedPicture(std::filesystem::path picture, std::string called);
@@ -119,9 +120,9 @@ class ImagePreprocessor {
   explicit ImagePreprocessor(const PreprocessingOptions& options,
                              std::shared_ptr<vision::NormalEstimator> estimator = nullptr);
 
-  /// @param normal_map for NormalSource::kFile and kAuto, which alone read it
+  /// Its own view; its map is read for NormalSource::kFile and kAuto alone.
   /// @throws InputError for an unusable picture or normal map, or when no object is found in it
-  PreprocessedImage run(const std::filesystem::path& picture, const std::filesystem::path& normal_map = {});
+  PreprocessedImage run(const NamedPicture& picture);
   /// @param normal_map nullptr: none; NormalSource::kFile needs one
   PreprocessedImage run(const InputPicture& picture, const InputPicture* normal_map = nullptr);
   /// The whole picture without its background, or with it where the options keep it, and a sentence on what was done.

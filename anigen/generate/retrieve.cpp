@@ -210,7 +210,7 @@ std::vector<RetrievalReport> retrieve_assets(const RetrievalRequest& request,
     report.name = picture.name;
     report.file = request.output / report.name / kMeshFile;
     try {
-      const PreprocessedImage seen = preprocessor.run(picture.file, picture.normal_map);
+      const PreprocessedImage seen = preprocessor.run(picture);
       const Gallery::Nearest nearest = gallery.nearest(describe(seen.normals_tensor));
       report.asset = nearest.id;
       report.distance = nearest.distance;

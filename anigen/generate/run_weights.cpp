@@ -1,5 +1,6 @@
 #include "anigen/generate/run_weights.h"
 
+#include <dlfcn.h>
 #include <algorithm>
 #include <cstdlib>
 #include <functional>
@@ -144,6 +145,13 @@ Json compared(const torch::nn::Module& model, const io::NamedArrays& arrays) {
 
 constexpr const char* kWeightsVariable = "ANIGEN_WEIGHTS";
 
+fs::path own_module_folder() {
+  std::error_code error;
+  Dl_info self{};
+  if (::dladdr(reinterpret_cast<void*>(&own_module_folder), &self) == 0 || self.dli_fname == nullptr) return {};
+  return fs::canonical(self.dli_fname, error).parent_path();
+}
+
 // Empty when none is there. @param places set to those that were looked at
 fs::path find_shipped_weights(std::vector<fs::path>& places) {
   constexpr const char* kFolder = "weights/anigen-small";
@@ -157,6 +165,10 @@ fs::path find_shipped_weights(std::vector<fs::path>& places) {
   fs::path above = program;
   for (int level = 0; level < kLevels; ++level, above = above.parent_path()) places.push_back(above / kFolder);
   places.push_back(program.parent_path() / "share/anigen" / kFolder);
+  // Below the prefix of the module that this is in, <prefix>/lib/<architecture>/anigen, for programs of others.
+  fs::path prefix = own_module_folder();
+  for (int level = 0; level < kLevels; ++level, prefix = prefix.parent_path())
+    if (level > 1) places.push_back(prefix / "share/anigen" / kFolder);
   places.push_back(fs::path("/usr/share/anigen") / kFolder);
   for (const fs::path& place : places) {
     if (fs::is_directory(place, error)) return place;

@@ -195,6 +195,14 @@ std::vector<AnimateReport> animate_files(const AnimateRequest& request) {
   return reports;
 }
 
+std::vector<Animation> clips_of(const Asset& asset, const std::vector<std::string>& motions,
+                                const MotionOptions& options) {
+  AnimateRequest request;
+  request.motions = motions;
+  request.options = options;
+  return make_clips(analyse(asset), asset.skeleton, request, read_given(request)).clips;
+}
+
 Json to_json(const std::vector<AnimateReport>& reports) {
   Json list = Json::array();
   for (const AnimateReport& report : reports) {

@@ -49,6 +49,11 @@ std::vector<AnimateReport> animate_files(const AnimateRequest& request);
 Json to_json(const std::vector<AnimateReport>& reports);
 std::string to_text(const std::vector<AnimateReport>& reports);
 
+/// Clips for an asset in memory, one per motion, words as AnimateRequest::motions. @throws InputError for a motion that
+/// is neither a word nor a file, or that the body cannot do; Interrupted
+std::vector<Animation> clips_of(const Asset& asset, const std::vector<std::string>& motions,
+                                const MotionOptions& options);
+
 /// Contents of a file: the parts of its body, motions that this can do, and clips with their lengths. A file without a
 /// skin has clips alone. @throws InputError as the readers
 Json listing(const std::filesystem::path& file);

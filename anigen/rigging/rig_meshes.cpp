@@ -289,65 +289,6 @@ SkinWeights weights_of(const io::RiggedShape& shape, const Skeleton& skeleton, c
 // Shapes are read without the orientation of their joints. Those of a file's own joints stay with its nodes.
 Skeleton unrotated(const Skeleton& skeleton) { return io::unrotated_in_file(skeleton, io::ExportAxes::kGltf); }
 
-Asset rigged(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
-             RigReport& report) {
-  const auto started = std::chrono::steady_clock::now();
-  const bool may_be_several = request.separate_bodies && request.method.joints == JointSource::kAuto &&
-                              !keeps_joints(shape, request) && shape.has_surface() &&
-                              !io::has_extension(request.out, {".vrm"});
-  const std::vector<SeparateBody> bodies = may_be_several ? separate_bodies(shape.mesh) : std::vector<SeparateBody>();
-  std::vector<io::RiggedShape> parts;
-  std::vector<Skeleton> skeletons;
-  for (const SeparateBody& body : bodies) {
-    parts.emplace_back(shape.id, shape.file);
-    parts.back().mesh = body.mesh;
-    ProposedJoints proposed = joints_of(parts.back(), proposer, request);
-    add_note("body " + std::to_string(parts.size()) + ": " + proposed.note, report);
-    skeletons.push_back(std::move(proposed.skeleton));
-  }
-  if (bodies.empty()) {
-    ProposedJoints proposed = joints_of(shape, proposer, request);
-    report.note = std::move(proposed.note);
-    skeletons.push_back(std::move(proposed.skeleton));
-  }
-  Skeleton skeleton = unrotated(bodies.empty() ? skeletons.front() : joined_skeleton(skeletons));
-  report.joint_seconds = seconds_since(started);
-  if (!request.method.binding) {
-    if (request.engine.any()) {
-      const EngineRig rig = engine_rig(skeleton, bounding_box(shape.mesh.vertices), {}, request.engine, shape.file);
-      add_note(rig.note, report);
-      skeleton = oriented(rig, request.engine);
-    }
-    Asset solid = geometry::skeleton_asset(skeleton);
-    solid.name = shape.id;
-    return solid;
-  }
-  const auto found = std::chrono::steady_clock::now();
-  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
-  Asset asset;
-  asset.name = shape.id;
-  asset.mesh = shape.mesh;
-  asset.materials = shape.materials;
-  asset.images = shape.images;
-  asset.skeleton = std::move(skeleton);
-  if (bodies.empty()) {
-    asset.skin = weights_of(shape, asset.skeleton, request, report.note);
-  } else {
-    std::vector<SkinWeights> skins;
-    for (std::size_t b = 0; b < bodies.size(); ++b)
-      skins.push_back(weights_of(parts[b], unrotated(skeletons[b]), request, report.note));
-    asset.skin = joined_skin(bodies, skins, skeletons, shape.mesh.vertices.size());
-  }
-  if (request.rigid_share) {
-    RigidSkin rigid = rigid_parts(asset.mesh, asset.skin, *request.rigid_share);
-    add_note(rigid.note(), report);
-    report.rigid_parts = rigid.to_json(asset.skeleton);
-    asset.skin = std::move(rigid.skin);
-  }
-  report.binding_seconds = seconds_since(found);
-  return asset;
-}
-
 }  // namespace
 
 BoxedSkeleton boxed_skeleton(const std::string& id, const Points& joints, const std::vector<int>& parents,
@@ -461,6 +402,65 @@ ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
   return embedded(shape.mesh, templates_, options_.embedding);
 }
 
+Asset rig_shape(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
+                RigReport& report) {
+  const auto started = std::chrono::steady_clock::now();
+  const bool may_be_several = request.separate_bodies && request.method.joints == JointSource::kAuto &&
+                              !keeps_joints(shape, request) && shape.has_surface() &&
+                              !io::has_extension(request.out, {".vrm"});
+  const std::vector<SeparateBody> bodies = may_be_several ? separate_bodies(shape.mesh) : std::vector<SeparateBody>();
+  std::vector<io::RiggedShape> parts;
+  std::vector<Skeleton> skeletons;
+  for (const SeparateBody& body : bodies) {
+    parts.emplace_back(shape.id, shape.file);
+    parts.back().mesh = body.mesh;
+    ProposedJoints proposed = joints_of(parts.back(), proposer, request);
+    add_note("body " + std::to_string(parts.size()) + ": " + proposed.note, report);
+    skeletons.push_back(std::move(proposed.skeleton));
+  }
+  if (bodies.empty()) {
+    ProposedJoints proposed = joints_of(shape, proposer, request);
+    report.note = std::move(proposed.note);
+    skeletons.push_back(std::move(proposed.skeleton));
+  }
+  Skeleton skeleton = unrotated(bodies.empty() ? skeletons.front() : joined_skeleton(skeletons));
+  report.joint_seconds = seconds_since(started);
+  if (!request.method.binding) {
+    if (request.engine.any()) {
+      const EngineRig rig = engine_rig(skeleton, bounding_box(shape.mesh.vertices), {}, request.engine, shape.file);
+      add_note(rig.note, report);
+      skeleton = oriented(rig, request.engine);
+    }
+    Asset solid = geometry::skeleton_asset(skeleton);
+    solid.name = shape.id;
+    return solid;
+  }
+  const auto found = std::chrono::steady_clock::now();
+  if (!shape.has_surface()) throw InputError(shape.file, "", "holds no surface to rig");
+  Asset asset;
+  asset.name = shape.id;
+  asset.mesh = shape.mesh;
+  asset.materials = shape.materials;
+  asset.images = shape.images;
+  asset.skeleton = std::move(skeleton);
+  if (bodies.empty()) {
+    asset.skin = weights_of(shape, asset.skeleton, request, report.note);
+  } else {
+    std::vector<SkinWeights> skins;
+    for (std::size_t b = 0; b < bodies.size(); ++b)
+      skins.push_back(weights_of(parts[b], unrotated(skeletons[b]), request, report.note));
+    asset.skin = joined_skin(bodies, skins, skeletons, shape.mesh.vertices.size());
+  }
+  if (request.rigid_share) {
+    RigidSkin rigid = rigid_parts(asset.mesh, asset.skin, *request.rigid_share);
+    add_note(rigid.note(), report);
+    report.rigid_parts = rigid.to_json(asset.skeleton);
+    asset.skin = std::move(rigid.skin);
+  }
+  report.binding_seconds = seconds_since(found);
+  return asset;
+}
+
 RigReports rig_meshes(const RigRequest& request) {
   const auto source = io::open_meshes(request.meshes, {request.axes, false});
   const std::vector<std::string> ids = io::select_ids(*source, request.splits);
@@ -478,7 +478,7 @@ RigReports rig_meshes(const RigRequest& request) {
     try {
       report.file = file_of(request, *source, id);
       const io::RiggedShape shape = source->read(id);
-      Asset asset = rigged(shape, proposer, request, report);
+      Asset asset = rig_shape(shape, proposer, request, report);
       write_rig(request, shape, asset, report);
       report.joints = asset.skeleton.size();
       report.vertices = asset.mesh.vertices.size();

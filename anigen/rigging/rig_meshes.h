@@ -170,6 +170,12 @@ struct RigReports {
   std::vector<RigReport> meshes;
 };
 
+/// Rigs one shape: its joints, then its weights unless the method has no binding; the asset is then the skeleton as a
+/// solid. Joints and clips of the shape's own file are those of add_own_clips() (write_rig.h) only once that is called.
+/// @param report gets note, times and rigid_parts @throws InputError when joints or weights cannot be had; Interrupted
+Asset rig_shape(const io::RiggedShape& shape, const JointProposer& proposer, const RigRequest& request,
+                RigReport& report);
+
 /// Rigs every mesh. One that fails, for whatever reason, is reported and does not stop the others; files are written by
 /// rename.
 /// @throws InputError when joints cannot be had for any, nothing can be read, or a result would replace an input,

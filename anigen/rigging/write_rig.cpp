@@ -80,7 +80,12 @@ Skeleton grafted_skeleton(const RigRequest& request, const EngineRig& rig, const
   return in_format_axes(asset.skeleton, request.axes, request.engine.axes != BoneAxes::kAlong);
 }
 
-/// The joints' own axes and clips, where the first joints are those of the mesh's file and it has clips.
+}  // namespace
+
+void add_note(const std::string& note, RigReport& report) {
+  if (!note.empty()) report.note += (report.note.empty() ? "" : ", ") + note;
+}
+
 void add_own_clips(const io::RiggedShape& shape, Asset& asset) {
   if (shape.clips == nullptr) return;
   const Skeleton& own = shape.clips->skeleton;
@@ -100,12 +105,6 @@ void add_own_clips(const io::RiggedShape& shape, Asset& asset) {
   std::iota(numbers.begin(), numbers.end(), 0);
   asset.skeleton = io::gltf_import::with_further_joints(turned, asset.skeleton, numbers);
   asset.animations = std::move(animations);
-}
-
-}  // namespace
-
-void add_note(const std::string& note, RigReport& report) {
-  if (!note.empty()) report.note += (report.note.empty() ? "" : ", ") + note;
 }
 
 Skeleton oriented(const EngineRig& rig, const EngineOptions& options) {

@@ -11,6 +11,10 @@ void add_note(const std::string& note, RigReport& report);
 /// The skeleton of an engine's rig. Joints have no axes of their own here; a body that was turned took them along.
 Skeleton oriented(const EngineRig& rig, const EngineOptions& options);
 
+/// Gives an asset the axes and clips of its joints from the mesh's file, where its first joints are those of that file,
+/// which has clips; else leaves it as it is.
+void add_own_clips(const io::RiggedShape& shape, Asset& asset);
+
 /// @throws InputError when a .vrm is asked for that these meshes cannot give: of several, of a skeleton alone, or
 /// without the bones of a human
 void refuse_unfit_vrm(const RigRequest& request, const io::ShapeSource& source);

@@ -88,9 +88,8 @@ struct TorchHalf {
   std::unique_ptr<prepare::FeatureExtractor> (*feature_extractor)(const prepare::FeatureOptions& options);
 };
 
-/// Loads the half on the first call: `anigen-torch.so` in ../lib/anigen beside the folder of the program, or in the
-/// program's own folder. @throws Error naming the file when it cannot be loaded; NotSupportedError in a build without
-/// LibTorch, which names `what`
+/// Loads the half on the first call (core/torch_module.h). @throws Error naming the file when it cannot be loaded;
+/// NotSupportedError in a build without LibTorch, which names `what`
 const TorchHalf& torch_half(const std::string& what);
 
 }  // namespace anigen

@@ -160,7 +160,11 @@ void read_container(const std::filesystem::path& path, const ImportOptions& opti
                     bool keep_text) {
   container.file = path.string();
   container.folder = path.parent_path();
-  container.bytes = read_file(path, options.max_file_bytes);
+  split_container(read_file(path, options.max_file_bytes), options, container, keep_text);
+}
+
+void split_container(std::string content, const ImportOptions& options, Container& container, bool keep_text) {
+  container.bytes = std::move(content);
   const std::string& bytes = container.bytes;
   if (bytes.empty()) throw InputError(container.file, "byte 0", "the file is empty");
   if (is_git_lfs_pointer(bytes))
@@ -326,9 +330,17 @@ fs::path safe_relative_path(const std::string& uri, const std::string& file, con
 
 }  // namespace
 
+const fs::path& no_folder() {
+  static const fs::path none = "/dev/null";
+  return none;
+}
+
 fs::path path_of_uri(const std::string& uri, const fs::path& folder, const std::string& file,
                      const std::string& place) {
-  const fs::path path = folder / safe_relative_path(uri, file, place);
+  const fs::path relative = safe_relative_path(uri, file, place);
+  if (folder == no_folder())
+    throw InputError(file, place, "a file in memory cannot refer to \"" + relative.string() + "\": embed it");
+  const fs::path path = folder / relative;
   require_inside(path, folder, uri, file, place);
   return path;
 }

@@ -181,6 +181,13 @@ struct Container {
 void read_container(const std::filesystem::path& path, const ImportOptions& options, Container& container,
                     bool keep_text = false);
 
+/// Splits a file that is in memory. @param container its `file` and `folder` are set
+/// @throws InputError as above
+void split_container(std::string bytes, const ImportOptions& options, Container& container, bool keep_text = false);
+
+/// Folder of a file that lies in none: relative URIs are refused there.
+const std::filesystem::path& no_folder();
+
 /// A .glb: header, JSON chunk padded by blanks, binary chunk padded by zeros, further chunks as they are (glTF 2.0,
 /// section 4.4). @param file for messages @throws NotSupportedError above 4 GiB
 std::string glb_bytes(std::string text, std::string_view binary, const std::string& file,

@@ -549,9 +549,7 @@ void refuse_unsound(const std::string& file, const Asset& asset, const ExportOpt
   if (options.influences == 0) refuse("influences per vertex must be at least 1");
 }
 
-void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options) {
-  const std::string file = path.string();
-  const bool binary = is_binary_extension(path);
+std::string gltf_bytes(const std::string& file, const Asset& asset, bool binary, const ExportOptions& options) {
   refuse_unsound(file, asset, options);
   if (asset.skeleton.size() > kMostSkinJoints) throw NotSupportedError(file, "", "more than 65536 joints in glTF");
   const Eigen::Matrix3d rotation = axis_rotation(options.axes);
@@ -571,9 +569,12 @@ void write_gltf(const std::filesystem::path& path, const Asset& asset, const Exp
     document.json["extensionsUsed"] = std::move(names);
     document.json["extensions"] = std::move(extensions);
   }
-  write_file_atomically(
-      path, binary ? gltf_import::glb_bytes(document.json_text(""), document.binary(), file)
-                   : document.json_text("data:application/octet-stream;base64," + base64(document.binary())));
+  if (binary) return gltf_import::glb_bytes(document.json_text(""), document.binary(), file);
+  return document.json_text("data:application/octet-stream;base64," + base64(document.binary()));
+}
+
+void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options) {
+  write_file_atomically(path, gltf_bytes(path.string(), asset, is_binary_extension(path), options));
 }
 
 }  // namespace anigen::io

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <new>
 #include <set>
@@ -310,7 +311,7 @@ ImportedAsset document_asset(const Document& document, const std::filesystem::pa
   asset.skeleton = std::move(rig.skeleton);
   result.frame = document.frame;
   const std::vector<std::string> findings = validate(asset, 1, options.require_rig);
-  if (!findings.empty()) throw InputError(path.string(), "", "cannot be made a sound asset: " + findings.front());
+  if (!findings.empty()) throw InputError(document.file, "", "cannot be made a sound asset: " + findings.front());
   result.notes = notes.take();
   result.lowest_weight_sum = notes.lowest_weight_sum();
   return result;
@@ -318,11 +319,15 @@ ImportedAsset document_asset(const Document& document, const std::filesystem::pa
 
 }  // namespace gltf_import
 
-ImportedAsset read_gltf(const std::filesystem::path& path, const ImportOptions& options) {
+namespace {
+
+/// @param read fills the container
+ImportedAsset asset_of(const std::filesystem::path& path, const ImportOptions& options,
+                       const std::function<void(gltf_import::Container&)>& read) {
   try {
     gltf_import::Notes notes;
     gltf_import::Container container;
-    gltf_import::read_container(path, options, container);
+    read(container);
     const gltf_import::Document document = gltf_import::parse_document(container, options, notes);
     return gltf_import::document_asset(document, path, options, notes);
   } catch (const std::bad_alloc&) {
@@ -330,6 +335,23 @@ ImportedAsset read_gltf(const std::filesystem::path& path, const ImportOptions& 
   } catch (const std::length_error&) {
     throw InputError(path.string(), "", "reading it needs more memory than there is");
   }
+}
+
+}  // namespace
+
+ImportedAsset read_gltf(const std::filesystem::path& path, const ImportOptions& options) {
+  return asset_of(path, options,
+                  [&](gltf_import::Container& container) { gltf_import::read_container(path, options, container); });
+}
+
+ImportedAsset read_gltf_bytes(std::string bytes, const std::string& name, const ImportOptions& options) {
+  return asset_of(gltf_import::no_folder() / name, options, [&](gltf_import::Container& container) {
+    container.file = name;
+    container.folder = gltf_import::no_folder();
+    if (bytes.size() > options.max_file_bytes)
+      throw InputError(name, "", "holds more than " + std::to_string(options.max_file_bytes) + " bytes");
+    gltf_import::split_container(std::move(bytes), options, container);
+  });
 }
 
 }  // namespace anigen::io

@@ -56,6 +56,10 @@ struct ImportedAsset {
 /// in the scene. @throws InputError with file and place, NotSupportedError naming an extension
 ImportedAsset read_gltf(const std::filesystem::path& path, const ImportOptions& options = {});
 
+/// Reads a file that is in memory, a .glb or a .gltf with everything embedded. @param name of the asset, for messages
+/// @throws InputError likewise, also for a buffer or an image of another file
+ImportedAsset read_gltf_bytes(std::string bytes, const std::string& name, const ImportOptions& options = {});
+
 enum class ExportAxes {
   kGltf,      ///< exact inverse of the import: (x, y, z) → (x, z, −y)
   kPublished  ///< the published exporter's (−x, z, y), turned by 180° about the vertical
@@ -77,5 +81,8 @@ struct ExportOptions {
 /// validator.
 /// @throws InputError when validate() finds something wrong with the asset, or a mesh has no faces
 void write_gltf(const std::filesystem::path& path, const Asset& asset, const ExportOptions& options = {});
+
+/// Contents of the file that write_gltf() would write. @param name for messages @throws InputError likewise
+std::string gltf_bytes(const std::string& name, const Asset& asset, bool binary, const ExportOptions& options = {});
 
 }  // namespace anigen::io

@@ -1,0 +1,62 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "anigen/asset/rigged_asset.h"
+#include "anigen/core/job.h"
+
+namespace anigen::engine {
+
+/// Models of a generator, as those of anigen-generate.
+struct GeneratorOptions {
+  /// Run folders of both flows; empty: those of `runs`. Published checkpoints count.
+  std::filesystem::path structure_flow, latent_flow;
+  std::filesystem::path runs;  ///< folder of both flows; empty: the weights that come with the programs
+  std::string device = "cpu";
+  std::string precision = "fp32";   ///< fp32 or bf16
+  bool low_memory = false;          ///< one model at a time
+  std::string background = "auto";  ///< of images: auto, keep, alpha, grabcut, network
+  bool image_colors = true;         ///< colours of the image where it shows the asset
+};
+
+struct GenerateOptions {
+  std::uint64_t seed = 42;
+  std::optional<int> structure_steps, latent_steps;           ///< of the samplers; unset: as the configs say
+  std::optional<double> structure_guidance, latent_guidance;  ///< guidance scale, 1: none; unset: as the configs say
+  int joints = 0;  ///< wanted number, for flows that were told it in training; 0: as many as fit
+};
+
+struct Generated {
+  Asset asset;                            ///< the unit cube's frame, Z up, facing −y
+  std::vector<std::string> notices;       ///< what was done to image and mesh, a sentence each
+  std::map<std::string, double> seconds;  ///< condition, structure, latents, decode
+};
+
+class GeneratorWork;
+
+/// Image to rigged asset, with models that are loaded once and kept. One generation at a time: further calls wait.
+/// Needs the module anigen-torch and LibTorch, which the first one loads.
+class Generator {
+ public:
+  /// @throws InputError when weights are missing or unusable; NotSupportedError in a build without LibTorch
+  explicit Generator(const GeneratorOptions& options = {}, Job* job = nullptr);
+  ~Generator();
+  Generator(Generator&&) noexcept;
+  Generator& operator=(Generator&&) noexcept;
+
+  /// The asset that anigen-generate writes for the image and the seed. @throws InputError for an unusable image;
+  /// Error when the flows give nothing for this seed; Interrupted
+  Generated generate(const std::filesystem::path& image, const GenerateOptions& options = {}, Job* job = nullptr);
+  /// Likewise of an encoded image in memory: PNG, JPEG, WebP, BMP or TIFF.
+  Generated generate_bytes(const std::string& image, const GenerateOptions& options = {}, Job* job = nullptr);
+
+ private:
+  std::unique_ptr<GeneratorWork> work_;
+};
+
+}  // namespace anigen::engine

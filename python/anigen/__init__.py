@@ -1,0 +1,27 @@
+"""AniGen: rigged assets from images and meshes, without PyTorch for Python.
+
+    import anigen
+    fox, how = anigen.rig(anigen.load("fox.obj"))
+    anigen.save(anigen.animate(fox, ["walk"]), "fox.glb")
+    anigen.evaluate(anigen.load("theirs.glb"), anigen.load("truth.glb"))["j2j"]
+
+Long calls take `progress=function(stage, fraction)`; it cancels the call by returning False. Errors are `InputError`
+(a ValueError that names file and place), `Error` and `Interrupted`.
+"""
+
+from ._anigen import (Asset, Error, Generator, InputError, Interrupted, animate, chamfer, evaluate, from_arrays,
+                      gromov_wasserstein, lint, load, load_bytes, motion_words, motions_of, render, rig, save,
+                      save_bytes, template_words, wasserstein)
+
+__all__ = ["Asset", "Error", "Generator", "InputError", "Interrupted", "animate", "chamfer", "evaluate", "from_arrays",
+           "gromov_wasserstein", "lint", "load", "load_bytes", "motion_words", "motions_of", "render", "rig", "save",
+           "save_bytes", "template_words", "to_torch", "wasserstein"]
+
+
+def to_torch(asset):
+    """Arrays of an asset as tensors: {"vertices": float32 [V, 3], "faces": int32 [F, 3], "joints": float64 [J, 3],
+    "parents": int32 [J], "skin": float32 [V, J]}. Vertices, faces and parents share the asset's memory.
+
+    Needs PyTorch for Python (Debian: python3-torch)."""
+    import torch
+    return {name: torch.from_numpy(getattr(asset, name)) for name in ("vertices", "faces", "joints", "parents", "skin")}

@@ -1,0 +1,381 @@
+// The Python module `anigen._anigen`: anigen/anigen.h with numpy arrays. Long calls release the interpreter's lock.
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+#include <cstring>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "anigen/anigen.h"
+
+namespace py = pybind11;
+using namespace anigen;
+
+namespace {
+
+using AssetPtr = std::shared_ptr<Asset>;
+using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
+using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Integers = py::array_t<std::int32_t, py::array::c_style | py::array::forcecast>;
+
+static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float), "vertices are packed");
+static_assert(sizeof(Triangle) == 3 * sizeof(std::int32_t), "faces are packed");
+
+/// A view of rows of `columns` numbers that keeps the asset alive. Writing to it changes the asset.
+template <typename Number, typename Row>
+py::array view_of(const std::vector<Row>& rows, std::size_t columns, const py::object& owner) {
+  return py::array_t<Number>({rows.size(), columns}, reinterpret_cast<const Number*>(rows.data()), owner);
+}
+
+/// @throws InputError unless the array is [any, columns]
+void require_columns(const py::array& array, py::ssize_t columns, const char* name) {
+  if (array.ndim() == 2 && array.shape(1) == columns) return;
+  std::string shape;
+  for (py::ssize_t i = 0; i < array.ndim(); ++i) shape += (i > 0 ? ", " : "") + std::to_string(array.shape(i));
+  throw InputError("", name, "has shape (" + shape + "), expected (any, " + std::to_string(columns) + ")");
+}
+
+JointTree tree_of(const Doubles& joints, const std::vector<int>& parents) {
+  require_columns(joints, 3, "joints");
+  JointTree tree;
+  tree.parents = parents;
+  for (py::ssize_t j = 0; j < joints.shape(0); ++j)
+    tree.positions.emplace_back(joints.at(j, 0), joints.at(j, 1), joints.at(j, 2));
+  return tree;
+}
+
+AssetPtr from_arrays(const Floats& vertices, const Integers& faces, const std::optional<Doubles>& joints,
+                     const std::vector<int>& parents, const std::optional<Floats>& skin,
+                     const std::vector<std::string>& names) {
+  require_columns(vertices, 3, "vertices");
+  require_columns(faces, 3, "faces");
+  auto asset = std::make_shared<Asset>();
+  asset->mesh.vertices.resize(static_cast<std::size_t>(vertices.shape(0)));
+  if (vertices.size() > 0)
+    std::memcpy(asset->mesh.vertices.data()->data(), vertices.data(), static_cast<std::size_t>(vertices.nbytes()));
+  asset->mesh.faces.resize(static_cast<std::size_t>(faces.shape(0)));
+  if (faces.size() > 0) std::memcpy(asset->mesh.faces.data(), faces.data(), static_cast<std::size_t>(faces.nbytes()));
+  if (joints) {
+    const JointTree tree = tree_of(*joints, parents);
+    check(tree, "joints");
+    asset->skeleton = skeleton_from_joints(tree.positions, parents, names);
+  }
+  if (skin) {
+    require_columns(*skin, static_cast<py::ssize_t>(parents.size()), "skin");
+    if (skin->shape(0) != vertices.shape(0))
+      throw InputError(
+          "", "skin",
+          "has " + std::to_string(skin->shape(0)) + " rows for " + std::to_string(vertices.shape(0)) + " vertices");
+    asset->skin = from_dense({skin->data(), skin->data() + skin->size()}, static_cast<std::size_t>(skin->shape(0)),
+                             parents.size());
+  }
+  const std::vector<std::string> findings = validate(*asset, 1, joints && skin);
+  if (!findings.empty()) throw InputError("", "arrays", findings.front());
+  return asset;
+}
+
+py::array_t<double> joints_of(const Asset& asset) {
+  const std::vector<Eigen::Vector3d> positions = asset.skeleton.positions();
+  py::array_t<double> joints({positions.size(), std::size_t{3}});
+  if (!positions.empty())
+    std::memcpy(joints.mutable_data(), positions.data()->data(), positions.size() * sizeof positions[0]);
+  return joints;
+}
+
+py::array_t<float> skin_of(const Asset& asset) {
+  const std::vector<float> dense = to_dense(asset.skin, asset.skeleton.size());
+  py::array_t<float> skin({asset.skin.rows(), asset.skeleton.size()});
+  if (!dense.empty()) std::memcpy(skin.mutable_data(), dense.data(), dense.size() * sizeof dense[0]);
+  return skin;
+}
+
+/// A job that tells a Python function of its progress. False or an exception from it cancels the job.
+std::unique_ptr<Job> job_of(const py::object& progress) {
+  if (progress.is_none()) return nullptr;
+  // Heard from any thread, without the interpreter's lock; destroyed with it.
+  const auto function = std::make_shared<py::object>(progress);
+  return std::make_unique<Job>([function](const std::string& stage, double fraction) {
+    const py::gil_scoped_acquire lock;
+    const py::object goes_on = (*function)(stage, fraction);
+    if (goes_on.is(py::bool_(false))) throw std::runtime_error("no longer wanted");
+  });
+}
+
+/// Calls work without the interpreter's lock.
+template <typename Call>
+auto unlocked(Call&& work) {
+  const py::gil_scoped_release release;
+  return work();
+}
+
+py::array_t<std::uint8_t> array_of(const engine::Picture& picture) {
+  py::array_t<std::uint8_t> array(
+      {static_cast<std::size_t>(picture.height), static_cast<std::size_t>(picture.width), std::size_t{4}});
+  if (!picture.rgba.empty()) std::memcpy(array.mutable_data(), picture.rgba.data(), picture.rgba.size());
+  return array;
+}
+
+engine::Generator make_generator(const std::filesystem::path& runs, const std::string& device,
+                                 const std::string& precision, const std::string& background) {
+  engine::GeneratorOptions options;
+  options.runs = runs;
+  options.device = device;
+  options.precision = precision;
+  options.background = background;
+  return unlocked([&] { return engine::Generator(options); });
+}
+
+py::dict scores_of(const engine::Scores& scores) {
+  py::dict result;
+  for (const auto& [key, value] : scores.values) result[py::str(key)] = value;
+  return result;
+}
+
+void add_errors(py::module_& m) {
+  static py::exception<Error> error(m, "Error", PyExc_RuntimeError);
+  static py::exception<InputError> input(m, "InputError", PyExc_ValueError);
+  static py::exception<Interrupted> interrupted(m, "Interrupted", PyExc_RuntimeError);
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const Interrupted& e) {
+      interrupted(e.what());
+    } catch (const InputError& e) {
+      input(e.what());
+    } catch (const Error& e) {
+      error(e.what());
+    }
+  });
+}
+
+void add_asset(py::module_& m) {
+  py::class_<Asset, AssetPtr>(m, "Asset", "A rigged asset in memory. Z up; arrays are views unless said otherwise.")
+      .def_readwrite("name", &Asset::name)
+      .def_property_readonly(
+          "vertices", [](const py::object& self) { return view_of<float>(self.cast<Asset&>().mesh.vertices, 3, self); },
+          "float32 [V, 3], a view")
+      .def_property_readonly(
+          "faces",
+          [](const py::object& self) { return view_of<std::int32_t>(self.cast<Asset&>().mesh.faces, 3, self); },
+          "int32 [F, 3], a view")
+      .def_property_readonly("joints", &joints_of, "float64 [J, 3], bind pose, a copy")
+      .def_property_readonly(
+          "parents",
+          [](const py::object& self) {
+            const std::vector<int>& parents = self.cast<Asset&>().skeleton.parents;
+            return py::array_t<int>(static_cast<py::ssize_t>(parents.size()), parents.data(), self);
+          },
+          "int32 [J], -1 for the root, a view")
+      .def_property_readonly("joint_names", [](const Asset& asset) { return asset.skeleton.names; })
+      .def_property_readonly("skin", &skin_of, "float32 [V, J], rows sum to 1, a copy")
+      .def_property_readonly(
+          "clips",
+          [](const Asset& asset) {
+            std::vector<std::pair<std::string, double>> clips;
+            for (const Animation& clip : asset.animations) clips.emplace_back(clip.name, clip.duration());
+            return clips;
+          },
+          "list of (name, seconds)")
+      .def("__repr__", [](const Asset& asset) {
+        return "<anigen.Asset '" + asset.name + "': " + std::to_string(asset.mesh.vertices.size()) + " vertices, " +
+               std::to_string(asset.mesh.faces.size()) + " faces, " + std::to_string(asset.skeleton.size()) +
+               " joints, " + std::to_string(asset.animations.size()) + " clips>";
+      });
+}
+
+void add_files(py::module_& m) {
+  m.def(
+      "load",
+      [](const std::filesystem::path& file) {
+        return unlocked([&] { return std::make_shared<Asset>(engine::load(file)); });
+      },
+      py::arg("file"));
+  m.def(
+      "load_bytes",
+      [](const py::bytes& data, const std::string& name) {
+        const std::string bytes = data;
+        return unlocked([&] { return std::make_shared<Asset>(engine::load_bytes(bytes, name)); });
+      },
+      py::arg("data"), py::arg("name"));
+  m.def(
+      "save",
+      [](const AssetPtr& asset, const std::filesystem::path& file) { unlocked([&] { engine::save(*asset, file); }); },
+      py::arg("asset"), py::arg("file"));
+  m.def(
+      "save_bytes",
+      [](const AssetPtr& asset, const std::string& format) {
+        return py::bytes(unlocked([&] { return engine::save_bytes(*asset, format); }));
+      },
+      py::arg("asset"), py::arg("format") = "glb");
+  m.def("from_arrays", &from_arrays, py::arg("vertices"), py::arg("faces"), py::arg("joints") = py::none(),
+        py::arg("parents") = std::vector<int>(), py::arg("skin") = py::none(),
+        py::arg("names") = std::vector<std::string>());
+}
+
+void add_rigging(py::module_& m) {
+  m.def(
+      "rig",
+      [](const AssetPtr& asset, const std::string& method, const std::string& skin,
+         const std::vector<std::string>& templates, bool keep_skeleton, bool learned_joints, std::size_t joints,
+         bool symmetric, std::size_t influences, const std::string& names, double height, bool ground,
+         const py::object& progress) {
+        engine::RigOptions options;
+        options.method = method;
+        options.skin = skin;
+        options.templates = templates;
+        options.keep_skeleton = keep_skeleton;
+        options.learned_joints = learned_joints;
+        options.joints = joints;
+        options.symmetric = symmetric;
+        options.influences = influences;
+        options.names = names;
+        options.height = height;
+        options.ground = ground;
+        const auto job = job_of(progress);
+        engine::Rigged rigged = unlocked([&] { return engine::rig(*asset, options, job.get()); });
+        return std::make_pair(std::make_shared<Asset>(std::move(rigged.asset)), rigged.note);
+      },
+      py::arg("asset"), py::kw_only(), py::arg("method") = "auto", py::arg("skin") = "",
+      py::arg("templates") = std::vector<std::string>(), py::arg("keep_skeleton") = true,
+      py::arg("learned_joints") = true, py::arg("joints") = 0, py::arg("symmetric") = false, py::arg("influences") = 4,
+      py::arg("names") = "", py::arg("height") = 0.0, py::arg("ground") = false, py::arg("progress") = py::none());
+  m.def("template_words", &engine::template_words);
+  m.def(
+      "animate",
+      [](const AssetPtr& asset, const std::vector<std::string>& motions, double fps, double speed, bool travel,
+         const py::object& progress) {
+        engine::AnimateOptions options;
+        options.motions = motions;
+        options.fps = fps;
+        options.speed = speed;
+        options.travel = travel;
+        const auto job = job_of(progress);
+        std::vector<Animation> clips = unlocked([&] { return engine::animate(*asset, options, job.get()); });
+        auto animated = std::make_shared<Asset>(*asset);
+        animated->animations.insert(animated->animations.end(), clips.begin(), clips.end());
+        return animated;
+      },
+      py::arg("asset"), py::arg("motions") = std::vector<std::string>{"idle"}, py::kw_only(), py::arg("fps") = 30.0,
+      py::arg("speed") = 1.0, py::arg("travel") = false, py::arg("progress") = py::none());
+  m.def("motion_words", &engine::motion_words);
+  m.def(
+      "motions_of", [](const AssetPtr& asset) { return engine::motions_of(*asset); }, py::arg("asset"));
+}
+
+void add_measures(py::module_& m) {
+  m.def(
+      "evaluate",
+      [](const AssetPtr& predicted, const AssetPtr& truth, const std::vector<std::string>& metrics,
+         const std::string& protocol, const std::string& normalization, bool registration, std::size_t samples,
+         const py::object& progress) {
+        engine::EvaluateOptions options;
+        options.groups = metrics;
+        options.protocol = protocol;
+        options.normalization = normalization;
+        options.registration = registration;
+        options.surface_samples = samples;
+        const auto job = job_of(progress);
+        return scores_of(unlocked([&] { return engine::evaluate(*predicted, *truth, options, job.get()); }));
+      },
+      py::arg("predicted"), py::arg("truth"), py::kw_only(), py::arg("metrics") = std::vector<std::string>(),
+      py::arg("protocol") = "", py::arg("normalization") = "", py::arg("registration") = true,
+      py::arg("surface_samples") = 100'000, py::arg("progress") = py::none());
+  const auto add_distance = [&m](const char* name, double (*distance)(const JointTree&, const JointTree&)) {
+    m.def(
+        name,
+        [distance](const Doubles& joints_a, const std::vector<int>& parents_a, const Doubles& joints_b,
+                   const std::vector<int>& parents_b) {
+          const JointTree a = tree_of(joints_a, parents_a), b = tree_of(joints_b, parents_b);
+          return unlocked([&] { return distance(a, b); });
+        },
+        py::arg("joints_a"), py::arg("parents_a"), py::arg("joints_b"), py::arg("parents_b"));
+  };
+  add_distance("gromov_wasserstein", &engine::gromov_wasserstein);
+  add_distance("wasserstein", &engine::wasserstein);
+  m.def(
+      "chamfer",
+      [](const Doubles& joints_a, const std::vector<int>& parents_a, const Doubles& joints_b,
+         const std::vector<int>& parents_b) {
+        const engine::Chamfer found = engine::chamfer(tree_of(joints_a, parents_a), tree_of(joints_b, parents_b));
+        py::dict result;
+        result["j2j"] = found.j2j;
+        result["j2b"] = found.j2b;
+        result["b2b"] = found.b2b;
+        return result;
+      },
+      py::arg("joints_a"), py::arg("parents_a"), py::arg("joints_b"), py::arg("parents_b"));
+  m.def(
+      "lint",
+      [](const AssetPtr& asset) {
+        py::list findings;
+        for (const engine::Finding& found : unlocked([&] { return engine::lint(*asset); })) {
+          py::dict one;
+          one["code"] = found.code;
+          one["severity"] = found.severity;
+          one["sentence"] = found.sentence;
+          one["count"] = found.count;
+          one["share"] = found.share;
+          findings.append(one);
+        }
+        return findings;
+      },
+      py::arg("asset"));
+  m.def(
+      "render",
+      [](const AssetPtr& asset, int width, int height, const std::string& mode, bool skeleton, bool transparent,
+         double yaw, double pitch, int clip, double time) {
+        engine::RenderOptions options;
+        options.width = width;
+        options.height = height;
+        options.mode = mode;
+        options.skeleton = skeleton;
+        options.transparent = transparent;
+        options.yaw = yaw;
+        options.pitch = pitch;
+        options.clip = clip;
+        options.time = time;
+        return array_of(unlocked([&] { return engine::render(*asset, options); }));
+      },
+      py::arg("asset"), py::kw_only(), py::arg("width") = 512, py::arg("height") = 512, py::arg("mode") = "color",
+      py::arg("skeleton") = false, py::arg("transparent") = false, py::arg("yaw") = engine::RenderOptions().yaw,
+      py::arg("pitch") = engine::RenderOptions().pitch, py::arg("clip") = -1, py::arg("time") = 0.0);
+}
+
+void add_generator(py::module_& m) {
+  py::class_<engine::Generator>(m, "Generator")
+      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = std::filesystem::path(),
+           py::arg("device") = "cpu", py::arg("precision") = "fp32", py::arg("background") = "auto")
+      .def(
+          "generate",
+          [](engine::Generator& generator, const py::object& image, std::uint64_t seed, const py::object& progress) {
+            engine::GenerateOptions options;
+            options.seed = seed;
+            const auto job = job_of(progress);
+            engine::Generated made;
+            if (py::isinstance<py::bytes>(image)) {
+              const std::string bytes = image.cast<std::string>();
+              made = unlocked([&] { return generator.generate_bytes(bytes, options, job.get()); });
+            } else {
+              const auto file = image.cast<std::filesystem::path>();
+              made = unlocked([&] { return generator.generate(file, options, job.get()); });
+            }
+            return std::make_pair(std::make_shared<Asset>(std::move(made.asset)), made.notices);
+          },
+          py::arg("image"), py::kw_only(), py::arg("seed") = engine::GenerateOptions().seed,
+          py::arg("progress") = py::none());
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_anigen, m) {
+  add_errors(m);
+  add_asset(m);
+  add_files(m);
+  add_rigging(m);
+  add_measures(m);
+  add_generator(m);
+}

@@ -1,0 +1,148 @@
+#!/usr/bin/env python3
+"""The Python package as people use it: files, arrays, rigging, motions, metrics, errors, progress, threads.
+
+    python_module.py PACKAGES SOURCE [WEIGHTS]
+
+PACKAGES is the folder that holds `anigen`. With WEIGHTS an image becomes a rigged asset, too."""
+import pathlib
+import sys
+import tempfile
+import threading
+import time
+
+packages, source = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+sys.path.insert(0, str(packages))
+import numpy as np  # noqa: E402
+
+import anigen  # noqa: E402
+
+
+def raises(kind, words, action):
+    try:
+        action()
+    except kind as error:
+        assert words in str(error), f"{error} does not say {words}"
+        return
+    raise AssertionError(f"{kind.__name__} expected")
+
+
+def tube(rings=24, sides=12):
+    """A capped tube along Z, closed."""
+    angle = np.arange(sides) / sides * 2 * np.pi
+    vertices = [(0.1 * np.cos(a), 0.1 * np.sin(a), z) for z in np.linspace(-0.5, 0.5, rings) for a in angle]
+    faces = []
+    for ring in range(rings - 1):
+        for k in range(sides):
+            a, b = ring * sides + k, ring * sides + (k + 1) % sides
+            faces += [(a, b, b + sides), (a, b + sides, a + sides)]
+    for k in range(1, sides - 1):
+        faces.append((0, k + 1, k))
+        top = (rings - 1) * sides
+        faces.append((top, top + k, top + k + 1))
+    return np.array(vertices, np.float32), np.array(faces, np.int32)
+
+
+def check_arrays():
+    vertices, faces = tube()
+    joints = np.array([[0, 0, -0.4], [0, 0, 0], [0, 0, 0.4]])
+    near = np.abs(vertices[:, 2:3] - joints[:, 2]) < 0.21
+    skin = (near / near.sum(1, keepdims=True)).astype(np.float32)
+    asset = anigen.from_arrays(vertices, faces, joints, [-1, 0, 1], skin, ["root", "middle", "tip"])
+    assert np.array_equal(asset.vertices, vertices) and np.array_equal(asset.faces, faces)
+    assert np.allclose(asset.joints, joints) and list(asset.parents) == [-1, 0, 1]
+    assert np.allclose(asset.skin, skin, atol=1e-6) and asset.joint_names == ["root", "middle", "tip"]
+    # A view: it outlives the name, and what is written to it is the asset's.
+    view = asset.vertices
+    view[0, 0] = 0.125
+    assert asset.vertices[0, 0] == 0.125
+    del asset
+    assert view[0, 0] == 0.125
+    raises(anigen.InputError, "expected (any, 3)", lambda: anigen.from_arrays(vertices.ravel(), faces))
+    raises(ValueError, "", lambda: anigen.from_arrays(vertices, faces + 10_000))
+    raises(anigen.InputError, "rows for", lambda: anigen.from_arrays(vertices, faces, joints, [-1, 0, 1], skin[:5]))
+    raises(anigen.InputError, "joint", lambda: anigen.from_arrays(vertices, faces, joints, [1, 2, 0]))
+    nan = vertices.copy()
+    nan[3] = np.nan
+    raises(anigen.InputError, "finite", lambda: anigen.from_arrays(nan, faces))
+
+
+def check_files(folder):
+    mesh = anigen.from_arrays(*tube())
+    rigged, how = anigen.rig(mesh, method="curve", joints=6)
+    assert rigged.joints.shape == (6, 3) and rigged.skin.shape == (len(mesh.vertices), 6), how
+    assert np.allclose(rigged.skin.sum(1), 1, atol=1e-5)
+    for name in ("a.glb", "a.gltf", "a.fbx", "a.usdz"):
+        anigen.save(rigged, folder / name)
+        assert (folder / name).stat().st_size > 1000
+    again = anigen.load(folder / "a.glb")
+    assert np.allclose(again.joints, rigged.joints, atol=1e-5)
+    data = anigen.save_bytes(rigged)
+    assert data[:4] == b"glTF" and np.allclose(anigen.load_bytes(data, "b.glb").joints, rigged.joints, atol=1e-5)
+    raises(anigen.InputError, "cut.glb", lambda: anigen.load_bytes(data[:300], "cut.glb"))
+    raises(anigen.InputError, "missing.glb", lambda: anigen.load(folder / "missing.glb"))
+    moved = anigen.animate(rigged, ["idle"])
+    assert len(moved.clips) == 1 and moved.clips[0][1] > 0.1 and not rigged.clips
+    raises(anigen.InputError, "moonwalk", lambda: anigen.animate(rigged, ["moonwalk"]))
+    picture = anigen.render(rigged, width=64, height=48, skeleton=True)
+    assert picture.shape == (48, 64, 4) and picture.dtype == np.uint8 and picture[..., :3].std() > 1
+    assert isinstance(anigen.lint(rigged), list)
+    return rigged
+
+
+def check_measures(rigged):
+    same = anigen.evaluate(rigged, rigged, metrics=["skeleton", "skin"], normalization="truth", registration=False)
+    assert same["j2j"] < 1e-9 and same["skin_l1"] < 1e-6, same
+    joints, parents = rigged.joints, list(rigged.parents)
+    assert anigen.gromov_wasserstein(joints, parents, joints + 1.0, parents) < 1e-6
+    assert abs(anigen.wasserstein(joints, parents, joints + [0.1, 0, 0], parents) - 0.1) < 1e-9
+    assert anigen.chamfer(joints, parents, joints, parents)["j2b"] < 1e-9
+    raises(anigen.InputError, "", lambda: anigen.gromov_wasserstein(joints, [1, 0], joints, parents))
+
+
+def check_jobs(rigged):
+    heard = []
+    anigen.rig(rigged, keep_skeleton=False, method="curve", progress=lambda *what: heard.append(what))
+    assert heard and all(0 <= fraction <= 1 for _, fraction in heard)
+    raises(anigen.Interrupted, "cancelled", lambda: anigen.rig(rigged, progress=lambda *_: False))
+    raises(anigen.Interrupted, "cancelled", lambda: anigen.rig(rigged, progress=lambda *_: 1 / 0))
+    # The lock is free during long calls: another thread goes on meanwhile.
+    counts = [0]
+    done = threading.Event()
+
+    def count():
+        while not done.is_set():
+            counts[0] += 1
+            time.sleep(0.001)
+
+    other = threading.Thread(target=count)
+    other.start()
+    start = time.time()
+    while time.time() - start < 0.3:
+        anigen.evaluate(rigged, rigged, metrics=["surface"])
+    done.set()
+    other.join()
+    assert counts[0] > 20, counts
+
+
+def check_generator(weights):
+    generator = anigen.Generator(runs=weights)
+    image = source / "examples/creatures/deer.png"
+    stages = set()
+    asset, notices = generator.generate(image, progress=lambda stage, _: stages.add(stage.split(" of ")[0]))
+    assert {"sparse structure", "structured latents"} <= stages, stages
+    assert len(asset.joints) > 3 and notices and asset.clips
+    from_memory, _ = generator.generate(image.read_bytes())
+    assert np.array_equal(from_memory.vertices, asset.vertices)
+    raises(anigen.InputError, "", lambda: generator.generate(b"no image"))
+    found, how = anigen.rig(asset, keep_skeleton=False)
+    assert len(found.joints) > 1, how
+
+
+with tempfile.TemporaryDirectory() as folder:
+    check_arrays()
+    rigged = check_files(pathlib.Path(folder))
+    check_measures(rigged)
+    check_jobs(rigged)
+    if len(sys.argv) > 3 and pathlib.Path(sys.argv[3]).is_dir():
+        check_generator(sys.argv[3])
+print("the Python package works")
