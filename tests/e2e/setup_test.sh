@@ -57,7 +57,7 @@ expect 'libgloo-dev is installed where no other one is' asked libgloo-dev
 
 # With everything there, apt is not called.
 run nothing-yet
-all=$(tr ' ' '\n' < "$work/asked" | grep -E '^(lib|build-|cmake|ninja|ccache|git|ca-|pkg|nlohmann|zlib|python)')
+all=$(tr ' ' '\n' < "$work/asked" | grep -E '^(lib|build-|cmake|ninja|ccache|git|ca-|pkg|nlohmann|zlib|python|pybind)')
 run $all
 expect 'nothing is missing, so nothing is asked' test ! -s "$work/asked"
 
