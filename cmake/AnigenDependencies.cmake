@@ -33,6 +33,12 @@ find_library(MESHOPTIMIZER_LIBRARY meshoptimizer REQUIRED)
 find_path(LEMON_INCLUDE_DIR lemon/network_simplex.h REQUIRED)
 find_library(LEMON_LIBRARY lemon REQUIRED)
 
+# cpp-httplib, a compiled library in Debian: only anigen/studio.
+pkg_check_modules(HTTPLIB IMPORTED_TARGET cpp-httplib)
+if(NOT HTTPLIB_FOUND)
+  message(STATUS "cpp-httplib not found: no anigen-studio")
+endif()
+
 # CGAL: only anigen/curve_skeleton, anigen/mesh_health and two benchmarks, whose programs are then GPL-3 as binaries.
 # Alpha_wrap_3 came with 5.5, which Debian 12 has.
 option(ANIGEN_WITH_CGAL "Build curve skeletons and anigen-mesh by CGAL, whose programs are then GPL-3, when CGAL is there" ON)

@@ -30,6 +30,19 @@ if(ANIGEN_WITH_TORCH)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/configs ${PROJECT_SOURCE_DIR}/experiments
   DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen COMPONENT programs PATTERN results EXCLUDE)
+if(TARGET anigen-studio)
+  set(studio ${CMAKE_INSTALL_DATADIR}/anigen/studio)
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/anigen/studio/page/ DESTINATION ${studio} COMPONENT programs)
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/examples/creatures/ DESTINATION ${studio}/gallery COMPONENT programs)
+  # Parts of three.js that the page uses, where the package is (scripts/setup.sh).
+  set(three ${PROJECT_SOURCE_DIR}/.cache/node/node_modules/three)
+  foreach(file LICENSE build/three.module.js build/three.core.js examples/jsm/loaders/GLTFLoader.js
+      examples/jsm/utils/BufferGeometryUtils.js examples/jsm/controls/OrbitControls.js
+      examples/jsm/controls/TransformControls.js)
+    get_filename_component(folder ${file} DIRECTORY)
+    install(FILES ${three}/${file} DESTINATION ${studio}/three/${folder} COMPONENT programs OPTIONAL)
+  endforeach()
+endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/weights DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen COMPONENT weights)
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
 

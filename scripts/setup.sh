@@ -8,7 +8,7 @@ packages=(
   build-essential cmake ninja-build ccache git ca-certificates pkg-config
   "libtorch-dev|libtorch-cuda-dev" "libgloo-dev|libgloo-cuda-dev" libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
   libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev liblemon-dev libassimp-dev
-  libnanoflann-dev libcgal-dev pybind11-dev python3-dev
+  libnanoflann-dev libcgal-dev libcpp-httplib-dev pybind11-dev python3-dev
   libgtest-dev libbenchmark-dev python3-numpy
 )
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -94,6 +95,7 @@ class Check {
     return options.size();
   }
 
+  const std::string& folder() const { return folder_; }
   std::size_t checked() const { return checked_; }
   std::size_t failed() const { return failed_; }
 
@@ -110,6 +112,8 @@ void check_numbers(Check& check, bool torch, bool mesh) {
     programs.insert(programs.end(), {"anigen-train", "anigen-generate", "anigen-encode", "anigen-encode reconstruct",
                                      "anigen-encode grouping"});
   }
+  if (std::filesystem::exists(std::filesystem::path(check.folder()) / "anigen-studio"))
+    programs.emplace_back("anigen-studio");
   if (mesh) {
     programs.insert(programs.end(), {"anigen-mesh check", "anigen-mesh repair", "anigen-mesh wrap",
                                      "anigen-mesh remesh", "anigen-mesh simplify"});

@@ -5,9 +5,9 @@
 set -euo pipefail
 failed=0
 fail() { echo "FAILED: $*"; failed=1; }
-for name in inspect prepare eval rig animate train encode generate experiment mesh; do
+for name in inspect prepare eval rig animate train encode generate experiment mesh studio; do
   program=$1/anigen-$name
-  if [ $name = mesh ] && [ ! -e "$program" ]; then continue; fi  # needs CGAL
+  if [[ $name = mesh || $name = studio ]] && [ ! -e "$program" ]; then continue; fi  # needs CGAL, cpp-httplib
   libraries=$(ldd "$program")
   if grep -q torch <<<"$libraries"; then fail "anigen-$name links LibTorch"; fi
   for argument in --help --no-such-option; do
@@ -21,7 +21,8 @@ done
 # Objects that both the program and the module construct would be constructed, and destroyed, twice: constants of the
 # library that need construction stay local to their source, or are constexpr.
 constructed() { nm -DC --defined-only "$1" | awk '$2 == "B"' | cut -d' ' -f3- | grep '^anigen::' | sort; }
-for name in inspect prepare eval rig train encode generate; do
+for name in inspect prepare eval rig train encode generate studio; do
+  if [ ! -e "$1/anigen-$name" ]; then continue; fi
   twice=$(comm -12 <(constructed "$1/anigen-$name") <(constructed "$1/../lib/anigen/anigen-torch.so"))
   [ -z "$twice" ] || fail "anigen-$name and its module both construct $twice"
 done

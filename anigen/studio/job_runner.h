@@ -1,0 +1,76 @@
+#pragma once
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "anigen/core/job.h"
+#include "anigen/studio/job_store.h"
+
+namespace anigen::studio {
+
+/// Runs the jobs of a store: those of images one by one, those of meshes one by one beside them, in the order they
+/// came.
+class JobRunner {
+ public:
+  /// Does one job: writes files into its folder, and note and result into the record.
+  using Work = std::function<void(const std::filesystem::path& folder, Job& job, JobRecord& record)>;
+
+  struct Progress {
+    std::string stage;
+    double fraction = 0.0;  ///< of the stage
+  };
+
+  /// Starts the queued jobs of the store. @param store outlives the runner @param most_queued further ones are refused
+  JobRunner(JobStore& store, Work work, std::size_t most_queued = 64);
+  ~JobRunner();  ///< as stop()
+  JobRunner(const JobRunner&) = delete;
+  JobRunner& operator=(const JobRunner&) = delete;
+
+  /// Accepts a job as JobStore::create() does. @return nothing when the queue is full @throws WriteError
+  std::optional<JobRecord> submit(JobRecord record, const std::string& extension, std::string_view input);
+  /// Cancels a job that waits or runs, which ends at the next safe point. @return false when it has ended, or there is
+  /// none
+  bool cancel(const std::string& id);
+  /// Of a running job.
+  std::optional<Progress> progress(const std::string& id) const;
+
+  /// Ends the work: running jobs are interrupted and wait on disk for the next start.
+  void stop();
+
+ private:
+  enum Lane { kImages, kMeshes, kLanes };
+
+  struct Running {
+    Job* job = nullptr;      ///< null until its work begins
+    bool cancelled = false;  ///< before that
+    Progress progress;
+  };
+
+  static Lane lane_of(const JobRecord& record) { return record.kind == "image" ? kImages : kMeshes; }
+  void work_through(Lane lane);
+  void run(const std::string& id);
+  void finish(const std::string& id, const JobRecord& outcome);
+
+  JobStore& store_;
+  Work work_;
+  std::size_t most_queued_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<std::string> queues_[kLanes];
+  std::size_t arriving_ = 0;  ///< accepted and not yet queued
+  std::map<std::string, Running> running_;
+  bool stopping_ = false;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace anigen::studio

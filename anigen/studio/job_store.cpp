@@ -1,0 +1,226 @@
+#include "anigen/studio/job_store.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <system_error>
+#include <utility>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+
+namespace anigen::studio {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kRecordFile = "job.json";
+constexpr std::uintmax_t kLargestRecord = 4 << 20;
+
+JobState parse_state(const std::string& text, const std::string& file) {
+  for (const JobState state :
+       {JobState::kQueued, JobState::kRunning, JobState::kDone, JobState::kFailed, JobState::kCancelled}) {
+    if (text == word(state)) return state;
+  }
+  throw InputError(file, "/state", "\"" + text + "\" is no state of a job");
+}
+
+std::string id_of(std::size_t number) {
+  char text[32];
+  std::snprintf(text, sizeof text, "j%06zu", number);
+  return text;
+}
+
+/// Number of an id; 0: it is none.
+std::size_t number_of(const std::string& id) {
+  if (id.size() < 7 || id.size() > 16 || id[0] != 'j') return 0;
+  if (id.find_first_not_of("0123456789", 1) != std::string::npos) return 0;
+  return std::stoull(id.substr(1));
+}
+
+/// A job whose record cannot be read, as one that failed.
+JobRecord damaged(const std::string& id, const std::string& problem) {
+  JobRecord record;
+  record.id = record.name = id;
+  record.kind = "mesh";
+  record.state = JobState::kFailed;
+  record.error = problem;
+  return record;
+}
+
+/// Settles the state of a job that a studio left.
+void settle(JobRecord& record) {
+  if (record.state != JobState::kRunning) return;
+  record.state = JobState::kQueued;
+  if (record.starts < JobStore::kMostStarts) return;
+  record.state = JobState::kFailed;
+  record.ended = seconds_now();
+  record.error = "the studio ended " + std::to_string(record.starts) + " times while it worked on this; send it again";
+}
+
+}  // namespace
+
+const char* word(JobState state) {
+  switch (state) {
+    case JobState::kQueued:
+      return "queued";
+    case JobState::kRunning:
+      return "running";
+    case JobState::kDone:
+      return "done";
+    case JobState::kFailed:
+      return "failed";
+    case JobState::kCancelled:
+      return "cancelled";
+  }
+  return "failed";
+}
+
+bool has_ended(JobState state) { return state != JobState::kQueued && state != JobState::kRunning; }
+
+double seconds_now() {
+  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+Json to_json(const JobRecord& record) {
+  return {{"id", record.id},
+          {"kind", record.kind},
+          {"name", record.name},
+          {"input", record.input},
+          {"options", record.options},
+          {"group", record.group},
+          {"state", word(record.state)},
+          {"note", record.note},
+          {"error", record.error},
+          {"starts", record.starts},
+          {"created", record.created},
+          {"started", record.started},
+          {"ended", record.ended},
+          {"result", record.result}};
+}
+
+JobRecord job_record_from_json(const Json& json, const std::string& file) {
+  ConfigReader reader(json, file);
+  for (const char* key : {"id", "kind", "input", "state"}) reader.require(key);
+  JobRecord record;
+  record.id = reader.text("id", "");
+  record.kind = reader.choice("kind", "mesh", {"image", "mesh"});
+  record.name = reader.text("name", "");
+  record.input = reader.text("input", "");
+  if (record.input != fs::path(record.input).filename())
+    throw InputError(file, "/input", "\"" + record.input + "\" is no file of the job's folder");
+  if (const Json* options = reader.raw("options")) record.options = *options;
+  record.group = reader.text("group", "");
+  record.state = parse_state(reader.text("state", ""), file);
+  record.note = reader.text("note", "");
+  record.error = reader.text("error", "");
+  record.starts = static_cast<int>(reader.integer("starts", 0, 0, 1'000'000));
+  record.created = reader.number("created", 0.0);
+  record.started = reader.number("started", 0.0);
+  record.ended = reader.number("ended", 0.0);
+  if (const Json* result = reader.raw("result")) record.result = *result;
+  return record;
+}
+
+JobStore::JobStore(const fs::path& folder) : jobs_(folder / "jobs") {
+  lock_ = FileLock::try_lock(folder / "lock", FileLock::Kind::kExclusive);
+  if (!lock_) throw InputError(folder.string(), "", "another studio works in this folder; choose another --output");
+  std::error_code error;
+  fs::create_directories(jobs_, error);
+  if (error) throw WriteError("cannot make the folder " + jobs_.string() + ": " + error.message());
+  read_all();
+}
+
+void JobStore::read_all() {
+  for (const fs::directory_entry& entry : fs::directory_iterator(jobs_)) {
+    const std::string id = entry.path().filename().string();
+    const std::size_t number = number_of(id);
+    if (number == 0 || !entry.is_directory()) continue;
+    next_ = std::max(next_, number + 1);
+    const fs::path file = entry.path() / kRecordFile;
+    if (!fs::exists(file)) {
+      std::error_code ignored;
+      fs::remove_all(entry.path(), ignored);
+      continue;
+    }
+    JobRecord record;
+    try {
+      record = job_record_from_json(parse_json(read_file(file, kLargestRecord), file.string()), file.string());
+      if (record.id != id) throw InputError(file.string(), "/id", "\"" + record.id + "\" is not of this folder");
+    } catch (const InputError& problem) {
+      log::warn("{}", problem.what());
+      records_[id] = damaged(id, problem.what());
+      continue;
+    }
+    const JobState before = record.state;
+    settle(record);
+    if (record.state != before) write(record);
+    records_[id] = std::move(record);
+  }
+}
+
+void JobStore::write(const JobRecord& record) const { write_config(folder(record.id) / kRecordFile, to_json(record)); }
+
+JobRecord JobStore::create(JobRecord record, const std::string& extension, std::string_view input) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    record.id = id_of(next_++);
+  }
+  record.input = "input" + extension;
+  record.state = JobState::kQueued;
+  record.created = seconds_now();
+  const fs::path place = folder(record.id);
+  try {
+    write_file_atomically(place / record.input, input);
+    write(record);  // from here on the job is accepted
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove_all(place, ignored);
+    throw;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  records_[record.id] = record;
+  return record;
+}
+
+std::optional<JobRecord> JobStore::find(const std::string& id) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = records_.find(id);
+  if (found == records_.end()) return std::nullopt;
+  return found->second;
+}
+
+std::vector<JobRecord> JobStore::list() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::vector<JobRecord> jobs;
+  for (const auto& [id, record] : records_) jobs.push_back(record);
+  std::stable_sort(jobs.begin(), jobs.end(),
+                   [](const JobRecord& a, const JobRecord& b) { return number_of(a.id) < number_of(b.id); });
+  return jobs;
+}
+
+std::optional<JobRecord> JobStore::update(const std::string& id, const std::function<void(JobRecord&)>& change) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = records_.find(id);
+  if (found == records_.end()) return std::nullopt;
+  JobRecord changed = found->second;
+  change(changed);
+  write(changed);
+  return found->second = std::move(changed);
+}
+
+bool JobStore::remove(const std::string& id) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = records_.find(id);
+  if (found == records_.end() || !has_ended(found->second.state)) return false;
+  records_.erase(found);
+  // Without its record a folder counts as never accepted, should the rest stay.
+  std::error_code ignored;
+  fs::remove(folder(id) / kRecordFile, ignored);
+  fs::remove_all(folder(id), ignored);
+  return true;
+}
+
+}  // namespace anigen::studio

@@ -1,0 +1,39 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "anigen/core/job.h"
+#include "anigen/engine/generator.h"
+#include "anigen/studio/job_options.h"
+#include "anigen/studio/job_store.h"
+
+namespace anigen::studio {
+
+/// Files of a job's folder that its work makes.
+inline constexpr const char* kRiggedFile = "rigged.glb";
+inline constexpr const char* kPreviewFile = "preview.png";
+/// The rig after its joints were edited (rebind.h).
+inline constexpr const char* kEditedFile = "edited.glb";
+
+/// Does jobs by the engine: an image becomes a rigged asset by a generator that stays loaded, a mesh gets a rig; both
+/// get motions, a preview and figures.
+class JobWork {
+ public:
+  /// Writes the files of the job into its folder, and note and result into `record`. Images one at a time.
+  /// @throws InputError, Error as the engine does; Interrupted; WriteError
+  void run(const std::filesystem::path& folder, Job& job, JobRecord& record);
+
+ private:
+  Asset rigged(const std::filesystem::path& folder, const JobOptions& options, Job& job, JobRecord& record);
+
+  std::unique_ptr<engine::Generator> generator_;
+};
+
+/// Clips as the options ask: all motions that the body can do, or those that they name.
+std::vector<Animation> clips_of(const Asset& asset, const JobOptions& options, Job* job);
+
+/// Text that JSON can hold: bytes that are no UTF-8 are replaced.
+std::string as_utf8(const std::string& text);
+
+}  // namespace anigen::studio

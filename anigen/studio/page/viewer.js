@@ -1,0 +1,185 @@
+// A rigged GLB on the screen: orbit, clips, skeleton. Coordinates are those of the file, so that joints can be sent back.
+import * as THREE from 'three';
+import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
+import {GLTFLoader} from 'three/addons/loaders/GLTFLoader.js';
+
+const kOver = {depthTest: false, transparent: true};
+
+function points(count, size, color) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(3 * count), 3));
+  const made = new THREE.Points(geometry, new THREE.PointsMaterial({color, size, sizeAttenuation: false, ...kOver}));
+  made.frustumCulled = false;
+  made.renderOrder = 11;
+  return made;
+}
+
+// Joints and bones drawn over everything else.
+export class SkeletonLines {
+  constructor(parents) {
+    this.parents = parents;
+    this.pairs = parents.flatMap((p, j) => p < 0 ? [] : [[p, j]]);
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(6 * this.pairs.length), 3));
+    this.lines = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({color: 0x0b4fb3, ...kOver}));
+    this.lines.frustumCulled = false;
+    this.lines.renderOrder = 10;
+    this.dots = points(parents.length, 7, 0xe0481a);
+    this.chosen = points(1, 14, 0x111111);
+    this.chosen.visible = false;
+    this.group = new THREE.Group().add(this.lines, this.chosen, this.dots);
+  }
+  put(places, chosen = -1) {
+    const line = this.lines.geometry.attributes.position, dot = this.dots.geometry.attributes.position;
+    this.pairs.forEach(([a, b], i) => {
+      line.setXYZ(2 * i, ...places[a].toArray());
+      line.setXYZ(2 * i + 1, ...places[b].toArray());
+    });
+    places.forEach((p, i) => dot.setXYZ(i, p.x, p.y, p.z));
+    this.chosen.visible = chosen >= 0;
+    if (chosen >= 0) this.chosen.geometry.attributes.position.setXYZ(0, ...places[chosen].toArray());
+    for (const part of [this.lines, this.dots, this.chosen]) part.geometry.attributes.position.needsUpdate = true;
+  }
+  dispose() {
+    for (const part of [this.lines, this.dots, this.chosen]) part.geometry.dispose(), part.material.dispose();
+  }
+}
+
+export class Stage {
+  constructor(element) {
+    this.element = element;
+    this.renderer = new THREE.WebGLRenderer({antialias: true, preserveDrawingBuffer: true});
+    element.append(this.renderer.domElement);
+    this.scene = new THREE.Scene();
+    this.scene.background = new THREE.Color(0xeef0f2);
+    const sun = new THREE.DirectionalLight(0xffffff, 2);
+    sun.position.set(1, 2, 3);
+    this.scene.add(sun, new THREE.HemisphereLight(0xffffff, 0x8090a0, 2.2));
+    this.camera = new THREE.PerspectiveCamera(35, 1, 0.01, 100);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.playing = true;
+    this.bonesShown = true;
+    this.time = 0;
+    this.last = performance.now();
+    this.sizes = new ResizeObserver(() => this.resize());
+    this.sizes.observe(element);
+    this.resize();
+    this.renderer.setAnimationLoop((now) => this.frame(now));
+  }
+
+  resize() {
+    const {clientWidth: width, clientHeight: height} = this.element;
+    if (width === 0 || height === 0) return;
+    this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+
+  // Shows a GLB. The camera stays where it is for another rig of what was there.
+  async show(buffer, {keepView = false} = {}) {
+    const gltf = await new GLTFLoader().parseAsync(buffer, '');
+    this.clear();
+    this.model = gltf.scene;
+    this.clips = gltf.animations;
+    this.scene.add(this.model);
+    this.meshes = [];
+    this.model.traverse((o) => { if (o.isMesh) this.meshes.push(o); });
+    for (const mesh of this.meshes) mesh.frustumCulled = false;
+    this.bones = [...new Set(this.meshes.flatMap((mesh) => mesh.skeleton ? mesh.skeleton.bones : []))];
+    const row = new Map(this.bones.map((bone, i) => [bone, i]));
+    this.parents = this.bones.map((bone) => row.get(bone.parent) ?? -1);
+    this.lines = new SkeletonLines(this.parents);
+    this.lines.group.visible = this.bonesShown;
+    this.scene.add(this.lines.group);
+    this.mixer = new THREE.AnimationMixer(this.model);
+    this.model.updateMatrixWorld(true);
+    this.rest = this.places();
+    if (!keepView) this.fit();
+    this.lines.put(this.rest);
+  }
+
+  clear() {
+    if (!this.model) return;
+    this.mixer.stopAllAction();
+    this.scene.remove(this.model, this.lines.group);
+    this.lines.dispose();
+    for (const mesh of this.meshes) {
+      mesh.geometry.dispose();
+      for (const material of [mesh.material].flat()) material.map?.dispose(), material.dispose();
+    }
+    this.model = undefined;
+    this.action = undefined;
+  }
+
+  dispose() {
+    this.clear();
+    this.sizes.disconnect();
+    this.renderer.setAnimationLoop(null);
+    this.controls.dispose();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+    this.renderer.domElement.remove();
+  }
+
+  fit() {
+    const box = new THREE.Box3().setFromObject(this.model, true), center = box.getCenter(new THREE.Vector3());
+    this.size = Math.max(1e-6, box.getSize(new THREE.Vector3()).length());
+    const far = 1.5 * this.size / Math.min(1, this.camera.aspect);
+    this.camera.position.copy(new THREE.Vector3(0.8, 0.45, 1).normalize().multiplyScalar(far)).add(center);
+    this.camera.near = this.size / 200;
+    this.camera.far = this.size * 40;
+    this.camera.updateProjectionMatrix();
+    this.controls.target.copy(center);
+    this.controls.update();
+  }
+
+  places() { return this.bones.map((bone) => bone.getWorldPosition(new THREE.Vector3())); }
+
+  // Joints of the rest pose: [{name, parent, position}], as /rebind takes them.
+  joints() {
+    return this.bones.map((bone, j) => ({name: bone.userData.name ?? bone.name, parent: this.parents[j],
+                                         position: this.rest[j].toArray()}));
+  }
+
+  // Plays a clip from its beginning; undefined: the rest pose.
+  play(name) {
+    this.mixer.stopAllAction();
+    this.action = undefined;
+    this.time = 0;
+    const clip = this.clips.find((c) => c.name === name);
+    if (clip) (this.action = this.mixer.clipAction(clip)).play();
+    this.clip = clip;
+  }
+
+  setTime(time) {
+    this.time = time;
+    if (this.action && this.clip.duration > 0) this.mixer.setTime(time % this.clip.duration);
+  }
+
+  showBones(shown) {
+    this.bonesShown = shown;
+    if (this.lines) this.lines.group.visible = shown;
+  }
+
+  setSolid(solid) {
+    for (const material of (this.meshes ?? []).flatMap((mesh) => [mesh.material].flat())) {
+      material.transparent = !solid;
+      material.opacity = solid ? 1 : 0.55;
+      material.depthWrite = solid;
+      material.needsUpdate = true;
+    }
+  }
+
+  frame(now) {
+    const passed = Math.min(0.1, (now - this.last) / 1000);
+    this.last = now;
+    if (!this.model || this.element.clientWidth === 0) return;
+    if (this.playing && !this.clock) this.setTime(this.time + passed);
+    if (this.clock) this.setTime(this.clock());
+    this.model.updateMatrixWorld(true);
+    if (this.lines.group.visible && this.action) this.lines.put(this.places());
+    this.controls.update();
+    this.renderer.render(this.scene, this.camera);
+  }
+}

@@ -1,0 +1,268 @@
+#include "anigen/studio/server.h"
+
+#include <httplib.h>
+#include <algorithm>
+#include <exception>
+#include <new>
+#include <regex>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/log.h"
+#include "anigen/core/process.h"
+#include "anigen/core/version.h"
+#include "anigen/engine/animate.h"
+#include "anigen/engine/rig.h"
+#include "anigen/studio/access.h"
+#include "anigen/studio/job_options.h"
+
+namespace anigen::studio {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kConnections = 16;
+constexpr int kSeconds = 10;  // without a byte, after which a connection is closed
+
+using Respond = std::function<Reply(const httplib::Request&)>;
+
+void set_error(httplib::Response& response, int status, const std::string& problem) {
+  response.status = status;
+  response.set_content(Json{{"error", problem}}.dump(-1, ' ', false, Json::error_handler_t::replace),
+                       "application/json");
+}
+
+/// The status and sentence of the exception being handled.
+void set_failure(httplib::Response& response) {
+  try {
+    throw;
+  } catch (const RequestError& error) {
+    set_error(response, error.status(), error.what());
+  } catch (const InputError& error) {
+    set_error(response, 400, error.what());
+  } catch (const Interrupted&) {
+    set_error(response, 503, "the studio is stopping");
+  } catch (const WriteError& error) {
+    set_error(response, 507, error.what());
+  } catch (const std::bad_alloc&) {
+    set_error(response, 507, "out of memory");
+  } catch (const std::exception& error) {
+    log::warn("{}", error.what());
+    set_error(response, 500, error.what());
+  }
+}
+
+httplib::Server::Handler handler(Respond respond) {
+  return [respond = std::move(respond)](const httplib::Request& request, httplib::Response& response) {
+    try {
+      Reply reply = respond(request);
+      response.status = reply.status;
+      for (const auto& [name, value] : reply.headers) response.set_header(name, value);
+      response.set_content(reply.body, reply.type);
+    } catch (...) {
+      set_failure(response);
+    }
+  };
+}
+
+std::string id_of(const httplib::Request& request) { return request.matches[1]; }
+
+/// A part of a form that holds a file.
+Upload upload_of(const httplib::Request& request, const std::string& part) {
+  if (!request.is_multipart_form_data()) throw RequestError(415, "send multipart/form-data");
+  if (!request.has_file(part)) throw RequestError(400, "the form has no part \"" + part + "\"");
+  const auto file = request.get_file_value(part);
+  return {file.filename, file.content};
+}
+
+std::string field_of(const httplib::Request& request, const std::string& part) {
+  return request.has_file(part) ? request.get_file_value(part).content : std::string();
+}
+
+Reply file_reply(const fs::path& file, const std::string& type) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) throw RequestError(404, "there is no such page");
+  Reply reply;
+  reply.type = type;
+  reply.body = read_file(file);
+  return reply;
+}
+
+std::string type_of(const fs::path& file) {
+  const std::string extension = file.extension();
+  if (extension == ".html") return "text/html; charset=utf-8";
+  if (extension == ".css") return "text/css; charset=utf-8";
+  if (extension == ".png") return "image/png";
+  return extension == ".js" ? "text/javascript; charset=utf-8" : "application/octet-stream";
+}
+
+Json gallery_names(const fs::path& gallery) {
+  std::vector<std::string> names;
+  std::error_code ignored;
+  for (const fs::directory_entry& entry : fs::directory_iterator(gallery, ignored))
+    if (entry.path().extension() == ".png") names.push_back(entry.path().filename());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+}  // namespace
+
+class Server::Work {
+ public:
+  Work(Api& api, const ServerOptions& options) : options_(options), access_{is_loopback(options.host)} {
+    set_limits();
+    add_guards();
+    add_job_routes(api);
+    add_pages();
+    port_ = options.port == 0 ? server_.bind_to_any_port(options.host) : options.port;
+    if (port_ <= 0 || (options.port != 0 && !server_.bind_to_port(options.host, options.port)))
+      throw InputError("", options.host + ":" + std::to_string(options.port),
+                       "cannot be listened to; choose another --port or --host");
+    thread_ = std::thread([this] { server_.listen_after_bind(); });
+    while (!server_.is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+
+  ~Work() { stop(); }
+
+  void stop() {
+    if (!thread_.joinable()) return;
+    server_.stop();
+    thread_.join();
+  }
+
+  int port() const { return port_; }
+  const ServerOptions& options() const { return options_; }
+
+ private:
+  void set_limits() {
+    server_.new_task_queue = [] { return new httplib::ThreadPool(kConnections); };
+    // One request per connection: an idle browser would else hold a thread.
+    server_.set_keep_alive_max_count(1);
+    server_.set_read_timeout(kSeconds);
+    server_.set_write_timeout(kSeconds);
+    server_.set_payload_max_length(options_.most_bytes);
+    // httplib's own also sets SO_REUSEPORT, with which two studios share a port.
+    server_.set_socket_options([](socket_t socket) {
+      const int yes = 1;
+      ::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+    });
+    server_.set_default_headers({{"X-Content-Type-Options", "nosniff"},
+                                 {"X-Frame-Options", "DENY"},
+                                 {"Referrer-Policy", "no-referrer"},
+                                 {"Cache-Control", "no-store"},
+                                 {"Content-Security-Policy", "default-src 'self' 'unsafe-inline' blob: data:"}});
+  }
+
+  /// Refusals by headers alone. @return status; 0: the request may come in
+  int refuse(const httplib::Request& request, httplib::Response& response) const {
+    Refusal refusal{403, access_.refusal(request.get_header_value("Host"), request.get_header_value("Origin"))};
+    if (refusal.problem.empty()) {
+      refusal = refusal_of({request.get_header_value("Content-Length"), request.get_header_value("Transfer-Encoding"),
+                            request.get_header_value("Content-Encoding")},
+                           options_.most_bytes);
+    }
+    if (refusal.problem.empty()) return 0;
+    set_error(response, refusal.status, refusal.problem);
+    return refusal.status;
+  }
+
+  void add_guards() {
+    using Response = httplib::Server::HandlerResponse;
+    server_.set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
+      return refuse(request, response) == 0 ? Response::Unhandled : Response::Handled;
+    });
+    server_.set_expect_100_continue_handler([this](const httplib::Request& request, httplib::Response& response) {
+      const int status = refuse(request, response);
+      return status == 0 ? 100 : status;
+    });
+    server_.set_error_handler([](const httplib::Request&, httplib::Response& response) {
+      if (!response.body.empty()) return;
+      const int status = response.status;
+      set_error(response, status,
+                status == 404   ? "there is no such page"
+                : status == 413 ? "the request is too large"
+                                : "the request is malformed, or was cut off");
+    });
+    server_.set_exception_handler([](const httplib::Request&, httplib::Response& response, std::exception_ptr problem) {
+      try {
+        std::rethrow_exception(problem);
+      } catch (...) {
+        set_failure(response);
+      }
+    });
+  }
+
+  void get(const std::string& pattern, Respond respond) { server_.Get(pattern, handler(std::move(respond))); }
+  void post(const std::string& pattern, Respond respond) { server_.Post(pattern, handler(std::move(respond))); }
+
+  void add_job_routes(Api& api) {
+    const std::string job = "/api/jobs/([a-z0-9]+)";
+    get("/api/jobs", [&api](const auto&) { return api.list(); });
+    get(job, [&api](const auto& request) { return api.show(id_of(request)); });
+    get(job + "/files/([a-z.]+)", [&api](const auto& request) { return api.file(id_of(request), request.matches[2]); });
+    post("/api/jobs",
+         [&api](const auto& request) { return api.submit(upload_of(request, "file"), field_of(request, "options")); });
+    post(job + "/cancel", [&api](const auto& request) { return api.cancel(id_of(request)); });
+    post(job + "/rebind", [&api](const auto& request) { return api.rebind(id_of(request), request.body); });
+    post(job + "/lint", [&api](const auto& request) { return api.lint(id_of(request)); });
+    post(job + "/compare", [&api](const auto& request) { return api.compare(id_of(request), request.body); });
+    post("/api/evaluate",
+         [&api](const auto& request) { return api.evaluate(field_of(request, "job"), upload_of(request, "truth")); });
+    server_.Delete(job, handler([&api](const auto& request) { return api.remove(id_of(request)); }));
+    get("/api/studio", [this](const auto&) {
+      Reply reply;
+      reply.body = Json{{"version", named_version()},
+                        {"three", !options_.three.empty()},
+                        {"gallery", gallery_names(options_.gallery)},
+                        {"methods", rig_methods()},
+                        {"templates", engine::template_words()},
+                        {"motions", engine::motion_words()},
+                        {"most_bytes", options_.most_bytes}}
+                       .dump();
+      return reply;
+    });
+  }
+
+  /// Files below `folder` of names that cannot leave it.
+  void add_folder(const std::string& pattern, const fs::path& folder) {
+    if (folder.empty()) return;
+    get(pattern, [folder](const auto& request) {
+      const std::string name = request.matches[1];
+      if (name.find("..") != std::string::npos) throw RequestError(404, "there is no such page");
+      return file_reply(folder / name, type_of(name));
+    });
+  }
+
+  void add_pages() {
+    if (options_.page.empty()) return;
+    get("/", [this](const auto&) { return file_reply(options_.page / "index.html", type_of("index.html")); });
+    add_folder("/([a-z_]+\\.(?:js|css))", options_.page);
+    add_folder("/gallery/([A-Za-z0-9_-]+\\.png)", options_.gallery);
+    add_folder("/three/((?:build|examples/jsm)/[A-Za-z0-9_./-]+\\.js)", options_.three);
+  }
+
+  ServerOptions options_;
+  Access access_;
+  httplib::Server server_;
+  int port_ = 0;
+  std::thread thread_;
+};
+
+Server::Server(Api& api, const ServerOptions& options) : work_(std::make_unique<Work>(api, options)) {}
+Server::~Server() = default;
+
+int Server::port() const { return work_->port(); }
+
+std::string Server::address() const {
+  const std::string& host = work_->options().host;
+  const std::string shown = host.find(':') != std::string::npos ? "[" + host + "]" : host;
+  return "http://" + shown + ":" + std::to_string(port()) + "/";
+}
+
+void Server::stop() { work_->stop(); }
+
+}  // namespace anigen::studio

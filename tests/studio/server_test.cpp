@@ -1,0 +1,356 @@
+#include "anigen/studio/server.h"
+
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <httplib.h>
+#include <sys/socket.h>
+#include <unistd.h>
+#include <atomic>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "anigen/core/files.h"
+#include "anigen/creatures/body.h"
+#include "anigen/engine/files.h"
+#include "anigen/studio/access.h"
+#include "anigen/studio/job_work.h"
+#include "tests/support/hinged_boxes.h"
+#include "tests/support/paths.h"
+
+namespace anigen::studio {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string dog_glb() {
+  static const std::string bytes = [] {
+    Asset dog = creatures::make_creature("quadruped", 3, 0);
+    dog.skeleton = {};
+    dog.skin = {};
+    dog.animations.clear();
+    return engine::save_bytes(dog);
+  }();
+  return bytes;
+}
+
+/// A studio on a free port, as the program has it.
+class StudioServer : public ::testing::Test {
+ protected:
+  void start(std::size_t most_queued = 64, std::size_t most_bytes = std::size_t{16} << 20) {
+    store_ = std::make_unique<JobStore>(folder_.path());
+    runner_ = std::make_unique<JobRunner>(
+        *store_, [this](const fs::path& place, Job& job, JobRecord& record) { work_.run(place, job, record); },
+        most_queued);
+    api_ = std::make_unique<Api>(*store_, *runner_);
+    ServerOptions options;
+    options.most_bytes = most_bytes;
+    options.page = test::source_dir() / "anigen/studio/page";
+    server_ = std::make_unique<Server>(*api_, options);
+  }
+  void SetUp() override { start(); }
+  void stop() {
+    server_.reset();
+    runner_.reset();
+    api_.reset();
+    store_.reset();
+  }
+  void TearDown() override { stop(); }
+
+  httplib::Client client() const {
+    httplib::Client client("127.0.0.1", server_->port());
+    client.set_read_timeout(60);
+    return client;
+  }
+
+  httplib::Result upload(const std::string& bytes, const std::string& name, const std::string& options = "") const {
+    httplib::Client sender = client();
+    httplib::MultipartFormDataItems items{{"file", bytes, name, "application/octet-stream"}};
+    if (!options.empty()) items.push_back({"options", options, "", ""});
+    return sender.Post("/api/jobs", items);
+  }
+
+  std::string accepted(const std::string& bytes, const std::string& name, const std::string& options = "") const {
+    const httplib::Result result = upload(bytes, name, options);
+    EXPECT_TRUE(result);
+    if (!result) return "";
+    EXPECT_EQ(result->status, 201) << result->body;
+    return Json::parse(result->body).value("id", "");
+  }
+
+  Json job(const std::string& id) const { return Json::parse(client().Get("/api/jobs/" + id)->body); }
+
+  /// The job once it has ended.
+  Json ended(const std::string& id) const {
+    for (int i = 0; i < 6000; ++i) {
+      Json now = job(id);
+      const std::string state = now.at("state");
+      if (state != "queued" && state != "running") return now;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    ADD_FAILURE() << id << " does not end";
+    return {};
+  }
+
+  /// Status and error of a request that is refused.
+  void refuses(const httplib::Result& result, int status, const std::string& words) const {
+    ASSERT_TRUE(result) << words;
+    EXPECT_EQ(result->status, status) << result->body;
+    const Json body = Json::parse(result->body, nullptr, false);
+    ASSERT_TRUE(body.is_object() && body.contains("error")) << result->body;
+    EXPECT_NE(body["error"].get<std::string>().find(words), std::string::npos) << result->body;
+  }
+
+  /// Sends bytes as they are, and returns all that comes back. @param cut close our side after sending
+  std::string raw(const std::string& request, bool cut = false) const {
+    const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<std::uint16_t>(server_->port()));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    EXPECT_EQ(::send(socket, request.data(), request.size(), MSG_NOSIGNAL), static_cast<ssize_t>(request.size()));
+    if (cut) ::shutdown(socket, SHUT_WR);
+    std::string answer;
+    char piece[4096];
+    for (ssize_t got = 0; (got = ::recv(socket, piece, sizeof piece, 0)) > 0;)
+      answer.append(piece, static_cast<std::size_t>(got));
+    ::close(socket);
+    return answer;
+  }
+
+  std::size_t jobs() const { return Json::parse(client().Get("/api/jobs")->body).at("jobs").size(); }
+
+  test::TemporaryFolder folder_;
+  JobWork work_;
+  std::unique_ptr<JobStore> store_;
+  std::unique_ptr<JobRunner> runner_;
+  std::unique_ptr<Api> api_;
+  std::unique_ptr<Server> server_;
+};
+
+constexpr const char* kCurve = R"({"method": "curve", "joints": 12, "motions": ["idle"]})";
+
+TEST_F(StudioServer, RigsAnUploadThatIsDownloadedInThreeFormats) {
+  const std::string id = accepted(dog_glb(), "C:\\pets\\dog.glb", kCurve);
+  const Json done = ended(id);
+  ASSERT_EQ(done.at("state"), "done") << done.dump();
+  EXPECT_EQ(done.at("name"), "dog.glb");
+  EXPECT_EQ(done.at("result").at("joints"), 12);
+  EXPECT_EQ(done.at("result").at("clips"), Json::array({"idle"}));
+  httplib::Client reader = client();
+  for (const std::string format : {"glb", "fbx", "usdz"}) {
+    const httplib::Result file = reader.Get("/api/jobs/" + id + "/files/rigged." + format);
+    ASSERT_EQ(file->status, 200) << file->body;
+    EXPECT_NE(file->get_header_value("Content-Disposition").find("dog." + format), std::string::npos);
+    if (format == "usdz") continue;
+    EXPECT_EQ(engine::load_bytes(file->body, "dog." + format).skeleton.size(), 12U) << format;
+  }
+  EXPECT_EQ(reader.Get("/api/jobs/" + id + "/files/preview.png")->body.substr(1, 3), "PNG");
+  EXPECT_EQ(reader.Get("/api/jobs/" + id + "/files/input")->body, dog_glb());
+  refuses(reader.Get("/api/jobs/" + id + "/files/edited.glb"), 404, "no edited.glb");
+  EXPECT_EQ(reader.Delete("/api/jobs/" + id)->status, 200);
+  refuses(reader.Get("/api/jobs/" + id), 404, "no such job");
+}
+
+TEST_F(StudioServer, BindsEditedJoints) {
+  const std::string id =
+      accepted(engine::save_bytes(test::hinged_boxes(0.1F, 0.2F)), "hinge.glb", R"({"motions": []})");
+  ASSERT_EQ(ended(id).at("state"), "done");
+  // In glTF's frame, children before their parent.
+  const std::string joints =
+      R"([{"name": "tip", "parent": 1, "position": [0.9, 0, 0]}, {"name": "lid", "parent": 2, "position": [0.1, 0.25, 0]},
+          {"name": "base", "parent": -1, "position": [-0.5, 0, 0]}])";
+  httplib::Client sender = client();
+  const std::string path = "/api/jobs/" + id + "/rebind";
+  for (const std::string method : {"heat", "geovoxel"}) {
+    const httplib::Result result =
+        sender.Post(path, "{\"method\": \"" + method + "\", \"joints\": " + joints + "}", "application/json");
+    ASSERT_EQ(result->status, 200) << result->body;
+    EXPECT_GT(std::stod(result->get_header_value("X-Bind-Milliseconds")), 0.0);
+    const Asset bound = engine::load_bytes(result->body, "bound.glb");
+    EXPECT_EQ(bound.skeleton.names, (std::vector<std::string>{"base", "lid", "tip"}));
+    EXPECT_LT((bound.skeleton.positions()[1] - Eigen::Vector3d(0.1, 0, 0.25)).norm(), 1e-6);
+    EXPECT_EQ(sender.Get("/api/jobs/" + id + "/files/edited.glb")->body, result->body);
+  }
+  EXPECT_TRUE(job(id).at("edited"));
+  EXPECT_EQ(sender.Get("/api/jobs/" + id + "/files/edited.fbx")->status, 200);
+  EXPECT_EQ(Json::parse(sender.Post("/api/jobs/" + id + "/lint")->body).at("file"), "edited.glb");
+  const auto refused = [&](const std::string& list, const std::string& words) {
+    refuses(sender.Post(path, "{\"joints\": " + list + "}", "application/json"), 400, words);
+  };
+  refused("[]", "no list of joints");
+  refused(R"([{"name": "a", "parent": 1, "position": [0,0,0]}, {"name": "b", "parent": 0, "position": [0,0,0]}])",
+          "cycle");
+  refused(R"([{"name": "a", "parent": -1, "position": [0,0,0]}, {"name": "a", "parent": 0, "position": [0,0,0]}])",
+          "twice");
+  refused(R"([{"name": "a", "parent": -1, "position": [0,0,0]}, {"name": "b", "parent": -1, "position": [0,0,0]}])",
+          "2 roots");
+  refused(R"([{"name": "a", "parent": -1, "position": [0,1e300,0]}])", "/0/position");
+  refused(R"([{"name": "a", "parent": -1, "position": [0,0]}])", "/0/position");
+  refuses(sender.Post(path, "{\"joints\": [", "application/json"), 400, "request");
+  refuses(sender.Post(path, std::string(2000, '['), "application/json"), 400, "request");
+}
+
+TEST_F(StudioServer, ComparesMethodsAndEvaluatesAgainstATruth) {
+  const Asset truth = test::hinged_boxes(0.1F, 0.2F);
+  const std::string id = accepted(engine::save_bytes(truth), "hinge.glb", R"({"motions": []})");
+  ASSERT_EQ(ended(id).at("state"), "done");
+  httplib::Client sender = client();
+  const httplib::Result compared =
+      sender.Post("/api/jobs/" + id + "/compare", R"({"methods": ["heat", "nearest"]})", "application/json");
+  ASSERT_EQ(compared->status, 201) << compared->body;
+  for (const Json& other : Json(Json::parse(compared->body).at("jobs"))) {
+    EXPECT_EQ(other.at("group"), id);
+    EXPECT_EQ(ended(other.at("id")).at("state"), "done");
+  }
+  refuses(sender.Post("/api/jobs/" + id + "/compare", R"({"methods": ["magic"]})", "application/json"), 400, "magic");
+  const httplib::MultipartFormDataItems form{{"job", id, "", ""},
+                                             {"truth", engine::save_bytes(truth), "truth.glb", "model/gltf-binary"}};
+  const httplib::Result scores = sender.Post("/api/evaluate", form);
+  ASSERT_EQ(scores->status, 200) << scores->body;
+  EXPECT_NEAR(Json::parse(scores->body).at("values").at("j2j").get<double>(), 0.0, 1e-6);
+  refuses(sender.Post("/api/evaluate", httplib::MultipartFormDataItems{form[0]}), 400, "truth");
+  refuses(sender.Post("/api/evaluate", httplib::MultipartFormDataItems{form[1]}), 404, "no such job");
+}
+
+TEST_F(StudioServer, CancelsAJob) {
+  const std::string first = accepted(dog_glb(), "dog.glb", kCurve), second = accepted(dog_glb(), "dog.glb", kCurve);
+  const httplib::Result cancelled = client().Post("/api/jobs/" + second + "/cancel");
+  EXPECT_EQ(cancelled->status, 200) << cancelled->body;
+  EXPECT_EQ(ended(second).at("state"), "cancelled");
+  EXPECT_EQ(ended(first).at("state"), "done");
+  refuses(client().Get("/api/jobs/" + second + "/files/rigged.glb"), 404, "no rigged.glb");
+  refuses(client().Post("/api/jobs/" + second + "/lint"), 409, "cancelled");
+}
+
+TEST_F(StudioServer, RefusesUploadsThatAreNoJobs) {
+  refuses(upload("abc", "notes.txt"), 400, "neither an image");
+  refuses(upload("abc", ""), 400, "name");
+  refuses(upload("", "a.glb"), 400, "empty");
+  refuses(upload("abc", "a.obj", "{\"method\": "), 400, "request");
+  refuses(upload("abc", "a.obj", R"({"method": "magic"})"), 400, "method");
+  refuses(upload("abc", "a.obj", R"({"metod": "heat"})"), 400, "did you mean");
+  refuses(upload("abc", "a.obj", R"({"motions": ["/etc/passwd"]})"), 400, "no built-in motion");
+  refuses(upload("abc", "a.png", R"({"seed": -4})"), 400, "seed");
+  refuses(client().Post("/api/jobs", "{}", "application/json"), 415, "multipart");
+  EXPECT_EQ(jobs(), 0U);
+  // A file that looks like a mesh becomes a job that fails with a reason.
+  const std::string id = accepted("v 0 0 nan\n", "../../etc/bad.obj");
+  const Json failed = ended(id);
+  EXPECT_EQ(failed.at("state"), "failed");
+  EXPECT_EQ(failed.at("name"), "bad.obj");
+  EXPECT_NE(failed.at("error").get<std::string>().find("input.obj"), std::string::npos) << failed.dump();
+  EXPECT_EQ(ended(accepted(dog_glb().substr(0, 500), "cut.glb")).at("state"), "failed");
+}
+
+TEST_F(StudioServer, RefusesPathsThatLeadOutside) {
+  httplib::Client reader = client();
+  const std::string id = accepted("x", "a.obj");
+  const std::string files = "/api/jobs/" + id + "/files/";
+  const std::vector<std::string> paths{"/api/jobs/../../etc/passwd",
+                                       "/api/jobs/..%2f..%2fetc",
+                                       "/api/jobs/j000001%00",
+                                       files + "..",
+                                       files + "job.json",
+                                       files + "..%2fjob.json",
+                                       "/../server.cpp",
+                                       "/..%2fserver.cpp",
+                                       "/gallery/..%2f..%2fREADME.md",
+                                       "/studio.js/"};
+  for (const std::string& path : paths) refuses(reader.Get(path), 404, "");
+  const std::string long_path(6000, 'a');
+  refuses(reader.Get("/api/jobs/" + long_path), 404, "no such job");
+}
+
+TEST_F(StudioServer, RefusesForeignPages) {
+  const std::string host = "127.0.0.1:" + std::to_string(server_->port());
+  const auto status = [&](const std::string& headers) {
+    return raw("GET /api/jobs HTTP/1.1\r\n" + headers + "\r\n").substr(9, 3);
+  };
+  EXPECT_EQ(status("Host: " + host + "\r\n"), "200");
+  EXPECT_EQ(status("Host: LOCALHOST:99\r\n"), "200");
+  EXPECT_EQ(status("Host: " + host + "\r\nOrigin: http://" + host + "\r\n"), "200");
+  EXPECT_EQ(status("Host: " + host + "\r\nOrigin: https://example.org\r\n"), "403");
+  EXPECT_EQ(status("Host: " + host + "\r\nOrigin: null\r\n"), "403");
+  EXPECT_EQ(status("Host: example.org\r\n"), "403");
+  EXPECT_EQ(status("Host: 127.0.0.1.example.org\r\n"), "403");
+  EXPECT_EQ(status(""), "403");
+  Access open;
+  open.loopback_only = false;
+  EXPECT_EQ(open.refusal("studio.lan:8080", ""), "");
+  EXPECT_EQ(open.refusal("studio.lan:8080", "http://studio.lan:8080"), "");
+  EXPECT_NE(open.refusal("studio.lan:8080", "http://example.org"), "");
+}
+
+TEST_F(StudioServer, RefusesBodiesOfHostileSizes) {
+  const std::string head =
+      "POST /api/jobs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: multipart/form-data; boundary=b\r\n";
+  const auto status = [&](const std::string& rest) { return raw(head + rest).substr(9, 3); };
+  EXPECT_EQ(status("Content-Length: 2147483648\r\n\r\n"), "413");
+  EXPECT_EQ(status("Content-Length: 99999999999999999999999\r\n\r\n"), "413");
+  EXPECT_EQ(status("Content-Length: -5\r\n\r\n"), "400");
+  EXPECT_EQ(status("Transfer-Encoding: chunked\r\n\r\n5\r\nabcde\r\n0\r\n\r\n"), "411");
+  EXPECT_EQ(status("Content-Encoding: gzip\r\nContent-Length: 3\r\n\r\nabc"), "415");
+  EXPECT_EQ(status("Content-Length: 5\r\n\r\nabcde"), "400");
+  // Nobody is there to hear the answer to an upload that was cut off.
+  raw(head +
+          "Content-Length: 5000\r\n\r\n--b\r\nContent-Disposition: form-data; name=\"file\"; "
+          "filename=\"a.obj\"\r\n\r\nv 0",
+      true);
+  EXPECT_EQ(jobs(), 0U);
+  raw("\r\n\r\n\r\n", true);
+  raw(std::string(20'000, 'x') + "\r\n\r\n", true);
+  EXPECT_EQ(client().Get("/api/jobs")->status, 200);
+}
+
+TEST_F(StudioServer, AnswersManyClientsAndKeepsTheirJobs) {
+  std::atomic<int> failed{0};
+  std::vector<std::thread> clients;
+  for (int c = 0; c < 4; ++c) {
+    clients.emplace_back([&, c] {
+      for (int i = 0; i < 5; ++i) {
+        const bool hostile = i == c;
+        const std::string bytes = hostile ? dog_glb().substr(0, 700) : dog_glb();
+        const httplib::Result result = upload(bytes, "dog" + std::to_string(10 * c + i) + ".glb",
+                                              R"({"method": "pinocchio", "templates": ["fox"], "motions": []})");
+        if (!result || result->status != 201) ++failed;
+      }
+    });
+  }
+  for (std::thread& thread : clients) thread.join();
+  EXPECT_EQ(failed, 0);
+  const Json all = Json::parse(client().Get("/api/jobs")->body).at("jobs");
+  ASSERT_EQ(all.size(), 20U);
+  // Killed in the middle, as far as the disk is concerned, and started again: no job is lost.
+  stop();
+  start();
+  std::size_t done = 0, reasons = 0;
+  for (const Json& one : all) {
+    const Json last = ended(one.at("id"));
+    if (last.at("state") == "done") ++done;
+    if (last.at("state") == "failed" && !last.at("error").get<std::string>().empty()) ++reasons;
+  }
+  EXPECT_EQ(done, 16U);
+  EXPECT_EQ(reasons, 4U);
+}
+
+TEST_F(StudioServer, SaysWhenTooManyJobsWait) {
+  stop();
+  start(1);
+  int refused = 0;
+  for (int i = 0; i < 6; ++i) {
+    const httplib::Result result = upload(dog_glb(), "dog.glb", kCurve);
+    if (result->status == 429) ++refused;
+    if (result->status == 429) refuses(result, 429, "too many jobs");
+  }
+  EXPECT_GE(refused, 1);
+}
+
+}  // namespace
+
+}  // namespace anigen::studio

@@ -1,0 +1,158 @@
+#include <gtest/gtest.h>
+#include <atomic>
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/studio/job_runner.h"
+#include "anigen/studio/job_store.h"
+#include "tests/support/paths.h"
+
+namespace anigen::studio {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+JobRecord mesh_job(const std::string& name) {
+  JobRecord record;
+  record.kind = "mesh";
+  record.name = name;
+  record.options = {{"method", "curve"}};
+  return record;
+}
+
+bool soon(const std::function<bool()>& condition) {
+  for (int i = 0; i < 1000; ++i) {
+    if (condition()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  return false;
+}
+
+bool reaches(const JobStore& store, const std::string& id, JobState state) {
+  return soon([&] { return store.find(id)->state == state; });
+}
+
+class StudioStore : public ::testing::Test {
+ protected:
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(StudioStore, KeepsJobsOverARestart) {
+  std::string id;
+  {
+    JobStore store(folder_.path());
+    const JobRecord made = store.create(mesh_job("fox.obj"), ".obj", "v 0 0 0\n");
+    id = made.id;
+    store.update(id, [](JobRecord& record) {
+      record.state = JobState::kDone;
+      record.note = "by hand";
+      record.result = {{"joints", 3}};
+    });
+    EXPECT_THROW(JobStore other(folder_.path()), InputError);
+  }
+  JobStore store(folder_.path());
+  const std::optional<JobRecord> found = store.find(id);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->state, JobState::kDone);
+  EXPECT_EQ(found->note, "by hand");
+  EXPECT_EQ(found->options, mesh_job("").options);
+  EXPECT_EQ(found->result.at("joints"), 3);
+  EXPECT_EQ(read_file(store.folder(id) / found->input), "v 0 0 0\n");
+  EXPECT_NE(store.create(mesh_job("b.obj"), ".obj", "x").id, id);
+}
+
+TEST_F(StudioStore, SettlesWhatAKilledStudioLeft) {
+  std::string first, again, damaged;
+  {
+    JobStore store(folder_.path());
+    for (std::string* id : {&first, &again, &damaged}) *id = store.create(mesh_job("a.obj"), ".obj", "x").id;
+    store.update(first, [](JobRecord& record) { record.state = JobState::kRunning, record.starts = 1; });
+    store.update(again, [](JobRecord& record) { record.state = JobState::kRunning, record.starts = 2; });
+    write_file_atomically(store.folder(damaged) / "job.json", "{\"id\": ");
+    write_file_atomically(folder_ / "jobs/j000099/input.obj", "never accepted");
+  }
+  JobStore store(folder_.path());
+  EXPECT_EQ(store.find(first)->state, JobState::kQueued);
+  EXPECT_EQ(store.find(again)->state, JobState::kFailed);
+  EXPECT_NE(store.find(again)->error.find("ended 2 times"), std::string::npos);
+  EXPECT_EQ(store.find(damaged)->state, JobState::kFailed);
+  EXPECT_NE(store.find(damaged)->error.find("job.json"), std::string::npos);
+  EXPECT_FALSE(store.find("j000099"));
+  EXPECT_FALSE(fs::exists(folder_ / "jobs/j000099"));
+  EXPECT_FALSE(store.remove(first)) << "it waits";
+  EXPECT_TRUE(store.remove(again));
+  EXPECT_FALSE(fs::exists(store.folder(again)));
+}
+
+TEST_F(StudioStore, RunnerRunsWhatWaitedAndCountsFailures) {
+  std::string good, bad;
+  {
+    JobStore store(folder_.path());
+    good = store.create(mesh_job("good.obj"), ".obj", "x").id;
+    bad = store.create(mesh_job("bad.obj"), ".obj", "x").id;
+  }
+  JobStore store(folder_.path());
+  JobRunner runner(store, [&](const fs::path&, Job& job, JobRecord& record) {
+    job.report("binding", 0.5);
+    if (record.name == "bad.obj") throw InputError("bad.obj", "line 1", "is \xff no mesh");
+    record.note = "made";
+  });
+  EXPECT_TRUE(reaches(store, good, JobState::kDone));
+  EXPECT_TRUE(reaches(store, bad, JobState::kFailed));
+  EXPECT_EQ(store.find(good)->note, "made");
+  EXPECT_EQ(store.find(bad)->error.rfind("bad.obj", 0), 0U);
+  EXPECT_FALSE(runner.cancel(good));
+}
+
+TEST_F(StudioStore, RunnerCancelsOneJobAndBoundsItsQueue) {
+  JobStore store(folder_.path());
+  JobRunner runner(
+      store,
+      [](const fs::path&, Job& job, JobRecord&) {
+        job.report("waiting", 0.25);
+        while (!job.cancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+        throw Interrupted("cancelled");
+      },
+      2);
+  const std::string running = runner.submit(mesh_job("a.obj"), ".obj", "x")->id;
+  EXPECT_TRUE(soon([&] { return runner.progress(running) && runner.progress(running)->fraction == 0.25; }));
+  EXPECT_EQ(runner.progress(running)->stage, "waiting");
+  const std::string waiting = runner.submit(mesh_job("b.obj"), ".obj", "x")->id;
+  EXPECT_TRUE(runner.submit(mesh_job("c.obj"), ".obj", "x"));
+  EXPECT_FALSE(runner.submit(mesh_job("d.obj"), ".obj", "x")) << "two wait already";
+  EXPECT_TRUE(runner.cancel(waiting));
+  EXPECT_EQ(store.find(waiting)->state, JobState::kCancelled);
+  EXPECT_TRUE(runner.cancel(running));
+  EXPECT_TRUE(reaches(store, running, JobState::kCancelled));
+  EXPECT_TRUE(runner.submit(mesh_job("d.obj"), ".obj", "x"));
+}
+
+TEST_F(StudioStore, StoppedRunnerLeavesItsJobForTheNextStart) {
+  std::string id;
+  {
+    JobStore store(folder_.path());
+    JobRunner runner(store, [](const fs::path&, Job& job, JobRecord&) {
+      while (!job.cancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      throw Interrupted("cancelled");
+    });
+    id = runner.submit(mesh_job("a.obj"), ".obj", "x")->id;
+    EXPECT_TRUE(reaches(store, id, JobState::kRunning));
+    runner.stop();
+    EXPECT_EQ(store.find(id)->state, JobState::kQueued);
+    EXPECT_EQ(store.find(id)->starts, 0) << "a stop is no crash";
+  }
+  JobStore store(folder_.path());
+  JobRunner runner(store, [](const fs::path&, Job&, JobRecord&) {});
+  EXPECT_TRUE(reaches(store, id, JobState::kDone));
+}
+
+}  // namespace
+
+}  // namespace anigen::studio
