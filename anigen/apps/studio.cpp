@@ -8,6 +8,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
+#include "anigen/studio/access.h"
 #include "anigen/studio/job_work.h"
 #include "anigen/studio/server.h"
 
@@ -45,6 +46,7 @@ void serve(StudioArguments arguments, const CommonOptions& common) {
   if (options.page.empty()) anigen::log::warn("the folder of the page was not found; the HTTP routes work without it");
   if (!options.page.empty() && options.three.empty())
     anigen::log::warn("three.js was not found, so the page shows no 3D view: npm install three, or set NODE_PATH");
+  if (!studio::is_loopback(options.host)) options.token = studio::new_token();
   studio::Server server(api, options);
   print_result({{"address", server.address()}, {"output", arguments.output.string()}}, server.address() + "\n", common);
   std::fflush(stdout);

@@ -1,5 +1,8 @@
 #include "anigen/studio/access.h"
 
+#include <cstdio>
+#include <random>
+
 #include "anigen/core/text.h"
 
 namespace anigen::studio {
@@ -27,6 +30,23 @@ std::string Access::refusal(const std::string& host, const std::string& origin) 
   if (!origin.empty() && lower_case(origin) != "http://" + named)
     return "the request comes from a page of another site";
   return "";
+}
+
+bool Access::admits(const std::string& authorization, const std::string& cookie) const {
+  if (token.empty() || authorization == "Bearer " + token) return true;
+  const std::string wanted = std::string("; ") + kTokenCookie + "=" + token + ";";
+  return ("; " + cookie + ";").find(wanted) != std::string::npos;
+}
+
+std::string new_token() {
+  std::random_device device;
+  std::string token;
+  for (int i = 0; i < 4; ++i) {
+    char part[16];
+    std::snprintf(part, sizeof part, "%08x", static_cast<unsigned>(device()));
+    token += part;
+  }
+  return token;
 }
 
 Refusal refusal_of(const AnnouncedBody& body, std::size_t most_bytes) {

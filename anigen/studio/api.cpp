@@ -124,6 +124,20 @@ Reply Api::list() const {
   return reply_of({{"jobs", jobs}});
 }
 
+Reply Api::metrics() const {
+  std::map<std::string, std::size_t> counts;
+  for (const JobState state :
+       {JobState::kQueued, JobState::kRunning, JobState::kDone, JobState::kFailed, JobState::kCancelled})
+    counts[word(state)] = 0;
+  for (const JobRecord& record : store_.list()) ++counts[word(record.state)];
+  Reply reply;
+  reply.type = "text/plain; version=0.0.4";
+  reply.body = "# TYPE anigen_jobs gauge\n";
+  for (const auto& [state, count] : counts)
+    reply.body += "anigen_jobs{state=\"" + state + "\"} " + std::to_string(count) + "\n";
+  return reply;
+}
+
 Reply Api::show(const std::string& id) const { return reply_of(described(known(id))); }
 
 Reply Api::cancel(const std::string& id) {
@@ -182,6 +196,15 @@ fs::path Api::latest(const std::string& id) const {
   return fs::exists(store_.folder(id) / kEditedFile) ? kEditedFile : kRiggedFile;
 }
 
+void Api::keep_edit(const std::string& id, const std::string& glb) const {
+  const fs::path folder = store_.folder(id);
+  for (const FileType& type : kFiles) {
+    std::error_code ignored;
+    if (type.made_of != nullptr && std::string(type.made_of) == kEditedFile) fs::remove(folder / type.name, ignored);
+  }
+  write_file_atomically(folder / kEditedFile, glb);
+}
+
 Reply Api::rebind(const std::string& id, const std::string& body) {
   const JobRecord record = done(id);
   const Json request = request_json(body);
@@ -189,20 +212,16 @@ Reply Api::rebind(const std::string& id, const std::string& body) {
   reader.require("joints");
   const Skeleton skeleton = skeleton_of_joints(*reader.raw("joints"));
   const std::string method = reader.choice("method", "heat", {"heat", "geovoxel", "nearest"});
+  const bool draft = reader.boolean("draft", false);
   reader.finish();
   const std::lock_guard<std::mutex> turn(computing_);
   const auto started = std::chrono::steady_clock::now();
   Rebound bound = rebound(*asset_of(id, kRiggedFile), skeleton, method);
-  bound.asset.animations = clips_of(bound.asset, parse_job_options(record.options, record.kind), nullptr);
+  if (!draft) bound.asset.animations = clips_of(bound.asset, parse_job_options(record.options, record.kind), nullptr);
   Reply reply;
   reply.type = "model/gltf-binary";
   reply.body = engine::save_bytes(bound.asset, "glb");
-  const fs::path folder = store_.folder(id);
-  for (const FileType& type : kFiles) {
-    std::error_code ignored;
-    if (type.made_of != nullptr && std::string(type.made_of) == kEditedFile) fs::remove(folder / type.name, ignored);
-  }
-  write_file_atomically(folder / kEditedFile, reply.body);
+  if (!draft) keep_edit(id, reply.body);
   const double total = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - started).count();
   reply.headers = {{"X-Bind-Milliseconds", milliseconds_text(bound.milliseconds)},
                    {"X-Total-Milliseconds", milliseconds_text(total)}};

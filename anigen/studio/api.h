@@ -46,13 +46,16 @@ class Api {
   /// A new job of an image or a mesh. @param options JSON text; empty: defaults
   Reply submit(const Upload& file, const std::string& options);
   Reply list() const;
+  /// Number of jobs by state, in the text format of Prometheus.
+  Reply metrics() const;
   Reply show(const std::string& id) const;
   Reply cancel(const std::string& id);
   Reply remove(const std::string& id);
   /// rigged or edited .glb .fbx .usdz, preview.png, or "input": the upload.
   Reply file(const std::string& id, const std::string& name);
 
-  /// New skin weights for edited joints, {"joints": [...], "method": "heat"}; writes and returns edited.glb. Headers
+  /// New skin weights for edited joints, {"joints": [...], "method": "heat"}; writes and returns edited.glb, but with
+  /// "draft": true returns the rig alone, without clips, and writes nothing. Headers
   /// X-Bind-Milliseconds and X-Total-Milliseconds.
   Reply rebind(const std::string& id, const std::string& body);
   Reply lint(const std::string& id);
@@ -67,6 +70,7 @@ class Api {
   JobRecord done(const std::string& id) const;
   Json described(const JobRecord& record) const;
   std::shared_ptr<const Asset> asset_of(const std::string& id, const std::string& file);
+  void keep_edit(const std::string& id, const std::string& glb) const;
   std::filesystem::path latest(const std::string& id) const;
 
   JobStore& store_;

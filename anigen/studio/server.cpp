@@ -113,7 +113,7 @@ Json gallery_names(const fs::path& gallery) {
 
 class Server::Work {
  public:
-  Work(Api& api, const ServerOptions& options) : options_(options), access_{is_loopback(options.host)} {
+  Work(Api& api, const ServerOptions& options) : options_(options), access_{is_loopback(options.host), options.token} {
     set_limits();
     add_guards();
     add_job_routes(api);
@@ -165,14 +165,27 @@ class Server::Work {
                             request.get_header_value("Content-Encoding")},
                            options_.most_bytes);
     }
+    if (refusal.problem.empty() &&
+        !access_.admits(request.get_header_value("Authorization"), request.get_header_value("Cookie")))
+      refusal = {401, "open the address that the studio printed, or send its token as Authorization: Bearer"};
     if (refusal.problem.empty()) return 0;
     set_error(response, refusal.status, refusal.problem);
     return refusal.status;
   }
 
+  /// The address that was printed: the browser keeps its token as a cookie.
+  bool enters(const httplib::Request& request, httplib::Response& response) const {
+    if (access_.token.empty() || request.path != "/" || request.get_param_value("token") != access_.token) return false;
+    if (!access_.refusal(request.get_header_value("Host"), request.get_header_value("Origin")).empty()) return false;
+    response.set_header("Set-Cookie", std::string(kTokenCookie) + "=" + access_.token + "; HttpOnly; SameSite=Strict");
+    response.set_redirect("/", 303);
+    return true;
+  }
+
   void add_guards() {
     using Response = httplib::Server::HandlerResponse;
     server_.set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
+      if (enters(request, response)) return Response::Handled;
       return refuse(request, response) == 0 ? Response::Unhandled : Response::Handled;
     });
     server_.set_expect_100_continue_handler([this](const httplib::Request& request, httplib::Response& response) {
@@ -213,6 +226,12 @@ class Server::Work {
     post("/api/evaluate",
          [&api](const auto& request) { return api.evaluate(field_of(request, "job"), upload_of(request, "truth")); });
     server_.Delete(job, handler([&api](const auto& request) { return api.remove(id_of(request)); }));
+    get("/health", [](const auto&) {
+      Reply reply;
+      reply.body = R"({"status": "ok"})";
+      return reply;
+    });
+    get("/metrics", [&api](const auto&) { return api.metrics(); });
     get("/api/studio", [this](const auto&) {
       Reply reply;
       reply.body = Json{{"version", named_version()},
@@ -260,7 +279,8 @@ int Server::port() const { return work_->port(); }
 std::string Server::address() const {
   const std::string& host = work_->options().host;
   const std::string shown = host.find(':') != std::string::npos ? "[" + host + "]" : host;
-  return "http://" + shown + ":" + std::to_string(port()) + "/";
+  const std::string& token = work_->options().token;
+  return "http://" + shown + ":" + std::to_string(port()) + "/" + (token.empty() ? "" : "?token=" + token);
 }
 
 void Server::stop() { work_->stop(); }

@@ -11,6 +11,7 @@ namespace anigen::studio {
 struct ServerOptions {
   std::string host = "127.0.0.1";
   int port = 0;                                     ///< 0: any that is free
+  std::string token;                                ///< that requests must carry (Access); empty: none
   std::size_t most_bytes = std::size_t{128} << 20;  ///< of a request
   std::filesystem::path page;                       ///< folder of index.html; empty: no page
   std::filesystem::path three;    ///< folder of the npm package "three"; empty: the page has no 3D view
@@ -27,7 +28,7 @@ class Server {
   Server& operator=(const Server&) = delete;
 
   int port() const;
-  std::string address() const;  ///< "http://127.0.0.1:8080/"
+  std::string address() const;  ///< "http://127.0.0.1:8080/", with "?token=…" where one is asked for
   /// Takes no more requests, and waits for those that are being answered.
   void stop();
 

@@ -109,7 +109,7 @@ async function dragJoint(page) {
       await pointer(page, 'mouseMoved', at);
       if (!/^[XYZ]$/.test(await page.value('studio.editor.gizmo.axis ?? ""'))) continue;
       await pointer(page, 'mousePressed', at, 1);
-      for (let step = 1; step <= 5; step++) await pointer(page, 'mouseMoved', [at[0] + 6 * step * Math.cos(a), at[1] + 6 * step * Math.sin(a)], 1);
+      for (let step = 1; step <= 5; step++, await pause(150)) await pointer(page, 'mouseMoved', [at[0] + 6 * step * Math.cos(a), at[1] + 6 * step * Math.sin(a)], 1);
       await pointer(page, 'mouseReleased', [at[0] + 30 * Math.cos(a), at[1] + 30 * Math.sin(a)]);
       return chosen;
     }
@@ -128,6 +128,8 @@ async function edit(page, job) {
   };
   const moved = await dragJoint(page);
   console.log('a joint moved: ' + await bound('a move'));
+  console.log(`weights followed ${await page.value('document.body.dataset.drafts ?? 0')} times while it was dragged`);
+  expect(await page.value('Number(document.body.dataset.drafts ?? 0)') > 0, 'weights do not follow while a joint is dragged');
   const after = JSON.parse(await page.value('JSON.stringify(studio.editor.joints)'))[moved].position;
   expect(Math.hypot(...after.map((v, i) => v - JSON.parse(before)[moved].position[i])) > 1e-3, 'dragging moves no joint');
   const edited = await page.value(`(async () => (await (await fetch('/api/jobs/${job.id}/files/edited.glb')).arrayBuffer()).byteLength)()`);
@@ -147,6 +149,9 @@ async function edit(page, job) {
   await bound('mirror');
   expect((await page.value('studio.editor.joints.map((j) => j.name)')).includes('tip_R') ||
          await page.value('studio.editor.joints.length') === joints + 1, 'mirror gives no joint of the other side');
+  await page.value('studio.editor.choose(Math.floor(studio.editor.joints.length / 3))');
+  await click(page, '#centre_joint');
+  await bound('centre');
   await click(page, '[data-tab=view]');
   expect(await page.value(text('failure')) === '' || await page.value(`document.getElementById('failure').hidden`), 'an edit failed: ' + await page.value(text('failure')));
 }

@@ -49,6 +49,7 @@ class StudioServer : public ::testing::Test {
     api_ = std::make_unique<Api>(*store_, *runner_);
     ServerOptions options;
     options.most_bytes = most_bytes;
+    options.token = token_;
     options.page = test::source_dir() / "anigen/studio/page";
     server_ = std::make_unique<Server>(*api_, options);
   }
@@ -126,6 +127,7 @@ class StudioServer : public ::testing::Test {
   std::size_t jobs() const { return Json::parse(client().Get("/api/jobs")->body).at("jobs").size(); }
 
   test::TemporaryFolder folder_;
+  std::string token_;
   JobWork work_;
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<JobRunner> runner_;
@@ -161,7 +163,7 @@ TEST_F(StudioServer, BindsEditedJoints) {
   const std::string id =
       accepted(engine::save_bytes(test::hinged_boxes(0.1F, 0.2F)), "hinge.glb", R"({"motions": []})");
   ASSERT_EQ(ended(id).at("state"), "done");
-  // In glTF's frame, children before their parent.
+  // Joints in glTF's frame, children before their parent.
   const std::string joints =
       R"([{"name": "tip", "parent": 1, "position": [0.9, 0, 0]}, {"name": "lid", "parent": 2, "position": [0.1, 0.25, 0]},
           {"name": "base", "parent": -1, "position": [-0.5, 0, 0]}])";
@@ -177,6 +179,10 @@ TEST_F(StudioServer, BindsEditedJoints) {
     EXPECT_LT((bound.skeleton.positions()[1] - Eigen::Vector3d(0.1, 0, 0.25)).norm(), 1e-6);
     EXPECT_EQ(sender.Get("/api/jobs/" + id + "/files/edited.glb")->body, result->body);
   }
+  const httplib::Result draft =
+      sender.Post(path, "{\"draft\": true, \"method\": \"nearest\", \"joints\": " + joints + "}", "application/json");
+  EXPECT_EQ(engine::load_bytes(draft->body, "draft.glb").skeleton.size(), 3U);
+  EXPECT_NE(sender.Get("/api/jobs/" + id + "/files/edited.glb")->body, draft->body) << "a draft was kept";
   EXPECT_TRUE(job(id).at("edited"));
   EXPECT_EQ(sender.Get("/api/jobs/" + id + "/files/edited.fbx")->status, 200);
   EXPECT_EQ(Json::parse(sender.Post("/api/jobs/" + id + "/lint")->body).at("file"), "edited.glb");
@@ -285,6 +291,31 @@ TEST_F(StudioServer, RefusesForeignPages) {
   EXPECT_EQ(open.refusal("studio.lan:8080", ""), "");
   EXPECT_EQ(open.refusal("studio.lan:8080", "http://studio.lan:8080"), "");
   EXPECT_NE(open.refusal("studio.lan:8080", "http://example.org"), "");
+}
+
+TEST_F(StudioServer, AsksForItsTokenWhereItHasOne) {
+  stop();
+  token_ = new_token();
+  EXPECT_EQ(token_.size(), 32U);
+  EXPECT_NE(token_, new_token());
+  start();
+  EXPECT_NE(server_->address().find("/?token=" + token_), std::string::npos);
+  httplib::Client asker = client();
+  refuses(asker.Get("/api/jobs"), 401, "token");
+  refuses(asker.Get("/?token=wrong"), 401, "token");
+  refuses(asker.Get("/api/jobs", {{"Cookie", "anigen_token=" + token_.substr(1)}}), 401, "token");
+  EXPECT_EQ(asker.Get("/api/jobs", {{"Authorization", "Bearer " + token_}})->status, 200);
+  const httplib::Result entered = asker.Get("/?token=" + token_);
+  EXPECT_EQ(entered->status, 303);
+  const std::string cookie = entered->get_header_value("Set-Cookie");
+  EXPECT_NE(cookie.find("SameSite=Strict"), std::string::npos);
+  EXPECT_EQ(asker.Get("/", {{"Cookie", "a=b; " + cookie.substr(0, cookie.find(';'))}})->status, 200);
+}
+
+TEST_F(StudioServer, CountsJobsByState) {
+  ended(accepted("x", "a.obj"));
+  EXPECT_NE(client().Get("/metrics")->body.find("anigen_jobs{state=\"failed\"} 1\n"), std::string::npos);
+  EXPECT_EQ(client().Get("/health")->status, 200);
 }
 
 TEST_F(StudioServer, RefusesBodiesOfHostileSizes) {

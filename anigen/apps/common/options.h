@@ -260,7 +260,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--asset-timeout", 0, "SECONDS", "Work", "Time for one asset, after which it counts as failed; 0: no limit", "prepare:--timeout"},
     {"--memory-mb", 0, "N", "Work", "Memory of one worker, above which its asset counts as failed; 0: no limit", ""},
     {"--port", 0, "N", "Work", "Port of the server", ""},
-    {"--host", 0, "ADDRESS", "Work", "Address to listen at; one that others reach makes the server theirs, too: it asks for no password", ""},
+    {"--host", 0, "ADDRESS", "Work", "Address to listen at; one that others reach asks them for the token in the printed address", ""},
     {"--seed", 0, "N", "Work", "Seed of every random draw", ""},
     {"--threads", 'j', "N", "Work", "Threads to use; 0: all cores", "eval:--workers"},
     {"--device", 0, "cpu|cuda|cuda:N", "Work", "Device that networks compute on", ""},

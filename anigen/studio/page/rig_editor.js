@@ -16,8 +16,8 @@ export function otherSide(name) {
 }
 
 export class RigEditor {
-  // changed(): joints or choice differ; dropped(): a joint was let go after a move.
-  constructor(stage, {changed, dropped}) {
+  // changed(): joints or choice differ; moving(): a joint is being dragged; dropped(): it was let go.
+  constructor(stage, {changed, moving, dropped}) {
     this.stage = stage;
     this.changed = changed;
     this.dropped = dropped;
@@ -34,6 +34,7 @@ export class RigEditor {
       if (this.chosen < 0) return;
       this.joints[this.chosen].position = this.handle.position.toArray();
       this.draw();
+      moving();
     });
     this.helper = this.gizmo.getHelper ? this.gizmo.getHelper() : this.gizmo;
     stage.renderer.domElement.addEventListener('pointerdown', (event) => this.pick(event));
@@ -60,6 +61,7 @@ export class RigEditor {
     if (this.lines) this.stage.scene.remove(this.lines.group);
     this.lines?.dispose();
     this.lines = undefined;
+    this.stage.paint(undefined);
     this.stage.setSolid(true);
     this.stage.showBones(this.stage.bonesShown);
   }
@@ -68,7 +70,11 @@ export class RigEditor {
   rebound() {
     this.stage.setSolid(false);
     this.stage.lines.group.visible = false;
+    this.paint();
   }
+
+  // The weights of the chosen joint.
+  paint() { this.stage.paint(this.joints[this.chosen]?.name); }
 
   load(joints) {
     this.joints = joints;
@@ -91,6 +97,7 @@ export class RigEditor {
       this.gizmo.attach(this.handle);
     }
     this.draw();
+    this.paint();
     this.changed();
   }
 
@@ -141,6 +148,22 @@ export class RigEditor {
     const names = new Set(this.joints.map((joint) => joint.name));
     if (!names.has(wanted)) return wanted;
     for (let n = 2;; ++n) if (!names.has(`${wanted}_${n}`)) return `${wanted}_${n}`;
+  }
+
+  // Moves the chosen joint along the line of sight to the middle between front and back of the mesh, where it is seen.
+  centre() {
+    if (this.chosen < 0) return false;
+    const place = new THREE.Vector3(...this.joints[this.chosen].position), {ray, distances} = this.stage.crossings(place);
+    let best;
+    for (let i = 0; i + 1 < distances.length; i += 2) {
+      const middle = ray.at((distances[i] + distances[i + 1]) / 2, new THREE.Vector3());
+      if (best === undefined || middle.distanceTo(place) < best.distanceTo(place)) best = middle;
+    }
+    if (best === undefined) return false;
+    this.remember();
+    this.joints[this.chosen].position = best.toArray();
+    this.choose(this.chosen);
+    return true;
   }
 
   // A child of the chosen joint, in the direction of its bone.

@@ -175,7 +175,7 @@ async function ready3d() {
   three ??= Promise.all([import('/viewer.js'), import('/rig_editor.js')]);
   const [{Stage}, {RigEditor}] = await three;
   stage = new Stage($('stage'));
-  editor = new RigEditor(stage, {changed: showEditor, dropped: () => { showEditor(); if ($('follow').checked) rebind(); }});
+  editor = new RigEditor(stage, {changed: showEditor, moving: draft, dropped: () => { showEditor(); if ($('follow').checked) rebind(); }});
   window.studio = {stage, editor};  // for the console, and for tests
 }
 
@@ -240,17 +240,39 @@ function showEditor() {
   const has = editor.chosen >= 0, joint = has ? editor.joints[editor.chosen] : undefined;
   $('undo').disabled = editor.past.length === 0;
   $('redo').disabled = editor.undone.length === 0;
-  $('add_joint').disabled = $('mirror_joint').disabled = $('delete_joint').disabled = $('joint_name').disabled = !has;
+  $('add_joint').disabled = $('mirror_joint').disabled = $('centre_joint').disabled = $('delete_joint').disabled = $('joint_name').disabled = !has;
   $('joint_name').value = joint?.name ?? '';
 }
 
-let binding = false, again = false;
+let binding = false, again = false, drafting = false, turn = 0;
+
+// New weights while a joint is being dragged: not kept, and without motions.
+async function draft() {
+  if (!$('follow').checked || drafting || binding) return;
+  drafting = true;
+  const mine = ++turn;
+  try {
+    const answer = await post(`/api/jobs/${chosen}/rebind`, {joints: editor.joints, method: $('binding').value, draft: true});
+    const bytes = await answer.arrayBuffer();
+    if (mine !== turn || !editor.active) return;
+    await stage.show(bytes, {keepView: true});
+    editor.rebound();
+    $('bound').textContent = `weights follow: ${answer.headers.get('x-bind-milliseconds')} ms`;
+    document.body.dataset.drafts = Number(document.body.dataset.drafts ?? 0) + 1;
+  } catch (problem) {
+    fail(problem);
+  } finally {
+    drafting = false;
+  }
+}
+
 const rebind = guarded(async () => {
   if (binding) return void (again = true);
   binding = true;
   try {
     do {
       again = false;
+      ++turn;
       const of = chosen, started = performance.now();
       $('bound').textContent = 'binding …';
       const answer = await post(`/api/jobs/${of}/rebind`, {joints: editor.joints, method: $('binding').value});
@@ -284,6 +306,7 @@ function addEditor() {
   edit('add_joint', () => editor.add());
   edit('delete_joint', () => editor.delete());
   edit('mirror_joint', () => editor.mirror());
+  edit('centre_joint', () => editor.centre());
   $('joint_name').addEventListener('change', guarded(async () => {
     if (editor.rename($('joint_name').value.trim()) && $('follow').checked) await rebind();
   }));

@@ -4,6 +4,11 @@ import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
 import {GLTFLoader} from 'three/addons/loaders/GLTFLoader.js';
 
 const kOver = {depthTest: false, transparent: true};
+const kCold = new THREE.Color(0xc6ccd4), kWarm = new THREE.Color(0xf2c230), kHot = new THREE.Color(0xc81e1e);
+
+// The loader takes dots and spaces out of names, and keeps the file's own beside.
+const nameOf = (bone) => bone.userData.name ?? bone.name;
+
 
 function points(count, size, color) {
   const geometry = new THREE.BufferGeometry();
@@ -106,7 +111,8 @@ export class Stage {
     this.lines.dispose();
     for (const mesh of this.meshes) {
       mesh.geometry.dispose();
-      for (const material of [mesh.material].flat()) material.map?.dispose(), material.dispose();
+      for (const material of [mesh.material, mesh.userData.own ?? [], mesh.userData.painted ?? []].flat())
+        material.map?.dispose(), material.dispose();
     }
     this.model = undefined;
     this.action = undefined;
@@ -138,7 +144,7 @@ export class Stage {
 
   // Joints of the rest pose: [{name, parent, position}], as /rebind takes them.
   joints() {
-    return this.bones.map((bone, j) => ({name: bone.userData.name ?? bone.name, parent: this.parents[j],
+    return this.bones.map((bone, j) => ({name: nameOf(bone), parent: this.parents[j],
                                          position: this.rest[j].toArray()}));
   }
 
@@ -163,12 +169,49 @@ export class Stage {
   }
 
   setSolid(solid) {
-    for (const material of (this.meshes ?? []).flatMap((mesh) => [mesh.material].flat())) {
+    for (const material of (this.meshes ?? []).flatMap((mesh) => [mesh.userData.own ?? mesh.material].flat())) {
       material.transparent = !solid;
       material.opacity = solid ? 1 : 0.55;
       material.depthWrite = solid;
       material.needsUpdate = true;
     }
+  }
+
+  // Colours the mesh by the weights of a joint; undefined: its own materials.
+  paint(name) {
+    for (const mesh of this.meshes ?? []) {
+      mesh.userData.own ??= mesh.material;
+      mesh.userData.ownColor ??= mesh.geometry.getAttribute('color');
+      const row = name === undefined || !mesh.skeleton ? -1 : mesh.skeleton.bones.findIndex((bone) => nameOf(bone) === name);
+      if (row < 0) {
+        mesh.material = mesh.userData.own;
+        if (mesh.userData.ownColor) mesh.geometry.setAttribute('color', mesh.userData.ownColor);
+        else mesh.geometry.deleteAttribute('color');
+        continue;
+      }
+      const index = mesh.geometry.getAttribute('skinIndex'), weight = mesh.geometry.getAttribute('skinWeight');
+      const colors = new Float32Array(3 * index.count), color = new THREE.Color();
+      for (let i = 0; i < index.count; i++) {
+        let sum = 0;
+        for (let k = 0; k < 4; k++) if (index.getComponent(i, k) === row) sum += weight.getComponent(i, k);
+        if (sum < 0.5) color.lerpColors(kCold, kWarm, 2 * sum);
+        else color.lerpColors(kWarm, kHot, Math.min(1, 2 * sum - 1));
+        color.toArray(colors, 3 * i);
+      }
+      mesh.geometry.setAttribute('color', new THREE.BufferAttribute(colors, 3));
+      mesh.userData.painted ??= new THREE.MeshLambertMaterial({vertexColors: true, side: THREE.DoubleSide, transparent: true, opacity: 0.8});
+      mesh.material = mesh.userData.painted;
+    }
+  }
+
+  // Distances from the camera at which the line of sight to a place crosses the surface, in order.
+  crossings(place) {
+    const ray = new THREE.Raycaster(this.camera.position, place.clone().sub(this.camera.position).normalize());
+    const sides = new Map(this.meshes.flatMap((mesh) => [mesh.material].flat()).map((material) => [material, material.side]));
+    for (const material of sides.keys()) material.side = THREE.DoubleSide;
+    const distances = ray.intersectObjects(this.meshes, false).map((hit) => hit.distance);
+    for (const [material, side] of sides) material.side = side;
+    return {ray: ray.ray, distances: distances.filter((d, i) => i === 0 || d - distances[i - 1] > 1e-6 * this.size)};
   }
 
   frame(now) {
