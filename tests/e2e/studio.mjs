@@ -137,6 +137,21 @@ async function edit(page, job) {
   const shownPlace = await page.value(`studio.stage.rest.map((p) => p.toArray())`);
   expect(shownPlace.some((p) => Math.hypot(...p.map((v, i) => v - after[i])) < 1e-4), 'the bound rig has the joint elsewhere');
   await page.picture(path.join(folder, 'studio_edit.png'));
+  // Weights are painted from grey over yellow to red, on a mesh without normals, too.
+  const [tinted, black] = await page.value(`(() => {
+    const from = document.querySelector('#stage canvas'), copy = document.createElement('canvas');
+    [copy.width, copy.height] = [from.width, from.height];
+    const context = copy.getContext('2d');
+    context.drawImage(from, 0, 0);
+    const data = context.getImageData(0, 0, copy.width, copy.height).data;
+    let tinted = 0, black = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (data[i] - data[i + 2] > 20 && Math.abs(data[i] - data[i + 1]) < 40) tinted++;
+      if (data[i] + data[i + 1] + data[i + 2] < 60) black++;
+    }
+    return [tinted, black];
+  })()`);
+  expect(tinted > 300 && black < 300, `painted weights show ${tinted} tinted and ${black} black pixels`);
   for (const [button, count] of [['add_joint', joints + 1], ['delete_joint', joints], ['undo', joints + 1], ['undo', joints],
                                  ['redo', joints + 1]]) {
     await click(page, '#' + button);

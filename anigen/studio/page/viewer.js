@@ -199,7 +199,10 @@ export class Stage {
         color.toArray(colors, 3 * i);
       }
       mesh.geometry.setAttribute('color', new THREE.BufferAttribute(colors, 3));
-      mesh.userData.painted ??= new THREE.MeshLambertMaterial({vertexColors: true, side: THREE.DoubleSide, transparent: true, opacity: 0.8});
+      mesh.userData.painted ??= new THREE.MeshLambertMaterial({
+        vertexColors: true, side: THREE.DoubleSide, transparent: true, opacity: 0.8,
+        flatShading: mesh.geometry.getAttribute('normal') === undefined,
+      });
       mesh.material = mesh.userData.painted;
     }
   }
