@@ -43,6 +43,8 @@ if(TARGET anigen-studio)
     install(FILES ${three}/${file} DESTINATION ${studio}/three/${folder} COMPONENT programs OPTIONAL)
   endforeach()
 endif()
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/integrations/blender DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen
+  COMPONENT programs)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/weights DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen COMPONENT weights)
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
 
