@@ -3,6 +3,9 @@
 foreach(program ${programs})
   list(APPEND program_files $<TARGET_FILE:${program}>)
 endforeach()
+# Packing takes what is built and builds nothing.
+set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
+
 # Manual pages and completions come from the programs themselves.
 install(CODE "
   set(root \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_DATADIR}\")

@@ -6,6 +6,7 @@
 #include <pybind11/stl/filesystem.h>
 #include <cstring>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -119,10 +120,10 @@ py::array_t<std::uint8_t> array_of(const engine::Picture& picture) {
   return array;
 }
 
-engine::Generator make_generator(const std::filesystem::path& runs, const std::string& device,
+engine::Generator make_generator(const std::optional<std::filesystem::path>& runs, const std::string& device,
                                  const std::string& precision, const std::string& background) {
   engine::GeneratorOptions options;
-  options.runs = runs;
+  if (runs) options.runs = *runs;
   options.device = device;
   options.precision = precision;
   options.background = background;
@@ -347,7 +348,7 @@ void add_measures(py::module_& m) {
 
 void add_generator(py::module_& m) {
   py::class_<engine::Generator>(m, "Generator")
-      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = std::filesystem::path(),
+      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = py::none(),
            py::arg("device") = "cpu", py::arg("precision") = "fp32", py::arg("background") = "auto")
       .def(
           "generate",

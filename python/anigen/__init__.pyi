@@ -102,9 +102,9 @@ def render(asset: Asset, *, width: int = 512, height: int = 512, mode: str = "co
 class Generator:
     """Image to rigged asset, with models that are loaded once."""
 
-    def __init__(self, *, runs: File = "", device: str = "cpu", precision: str = "fp32",
+    def __init__(self, *, runs: Optional[File] = None, device: str = "cpu", precision: str = "fp32",
                  background: str = "auto") -> None:
-        """runs: folder of both flows; empty: the weights that are installed."""
+        """runs: folder of both flows; None: the weights that are installed."""
     def generate(self, image: Union[File, bytes], *, seed: int = 42,
                  progress: Optional[Progress] = None) -> Tuple[Asset, List[str]]:
         """The asset, and what was done to image and mesh. image: a file, or an encoded image in memory."""

@@ -74,4 +74,7 @@ with tempfile.TemporaryDirectory() as folder:
                    f"import sys; sys.path.insert(0, '{packages}'); import anigen; "
                    f"asset, how = anigen.rig(anigen.load('{mesh}')); print(how, len(asset.joints))", env=environment)
         assert said.strip(), said
+        if (prefix / "share/anigen/weights/anigen-small").is_dir():
+            run("/usr/bin/python3", "-c", f"import sys; sys.path.insert(0, '{packages}'); import anigen; "
+                f"print(anigen.Generator().generate('{image}'))", env=environment)
 print("the installed copy works")
