@@ -8,9 +8,12 @@ packages=(
   build-essential cmake ninja-build ccache git ca-certificates pkg-config
   "libtorch-dev|libtorch-cuda-dev" "libgloo-dev|libgloo-cuda-dev" libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
   libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev liblemon-dev libassimp-dev
-  libnanoflann-dev libcgal-dev libcpp-httplib-dev pybind11-dev python3-dev
+  libnanoflann-dev libcgal-dev
   libgtest-dev libbenchmark-dev python3-numpy
 )
+
+# Parts of the project that the rest does without: anigen-studio, the Python package.
+optional=(libcpp-httplib-dev pybind11-dev python3-dev)
 
 installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
 
@@ -23,16 +26,34 @@ for choice in "${packages[@]}"; do
   [ -n "$found" ] || missing+=("${choice%%|*}")
 done
 
-if [ ${#missing[@]} -gt 0 ]; then
+wanted=()
+for package in "${optional[@]}"; do
+  installed "$package" || wanted+=("$package")
+done
+
+if [ ${#missing[@]} -gt 0 ] || [ ${#wanted[@]} -gt 0 ]; then
   as_root=()
   if [ "$(id -u)" -ne 0 ]; then
-    command -v sudo >/dev/null || { echo "setup: run as root, or install sudo, to install: ${missing[*]}" >&2; exit 1; }
-    as_root=(sudo)
+    if command -v sudo >/dev/null; then
+      as_root=(sudo)
+    elif [ ${#missing[@]} -gt 0 ]; then
+      echo "setup: run as root, or install sudo, to install: ${missing[*]}" >&2
+      exit 1
+    else
+      echo "setup: run as root, or install sudo, for what needs ${wanted[*]}" >&2
+      wanted=()
+    fi
   fi
-  echo "setup: installing ${missing[*]}"
+fi
+if [ ${#missing[@]} -gt 0 ] || [ ${#wanted[@]} -gt 0 ]; then
+  echo "setup: installing ${missing[*]} ${wanted[*]}"
   "${as_root[@]}" apt-get update -qq
   # What the machine has stays: where a package would take the place of another one, apt-get stops and names both.
-  DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -qq --no-remove --no-install-recommends "${missing[@]}" >/dev/null
+  install() { DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -qq --no-remove --no-install-recommends "$@" >/dev/null; }
+  [ ${#missing[@]} -eq 0 ] || install "${missing[@]}"
+  for package in "${wanted[@]}"; do
+    install "$package" || echo "setup: $package could not be installed; what needs it is left out"
+  done
 fi
 
 # LibTorch takes whichever BLAS the alternatives system points to. The OpenMP flavour of OpenBLAS shares LibTorch's
