@@ -348,8 +348,8 @@ void add_measures(py::module_& m) {
 
 void add_generator(py::module_& m) {
   py::class_<engine::Generator>(m, "Generator")
-      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = py::none(),
-           py::arg("device") = "cpu", py::arg("precision") = "fp32", py::arg("background") = "auto")
+      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = py::none(), py::arg("device") = "cpu",
+           py::arg("precision") = "fp32", py::arg("background") = "auto")
       .def(
           "generate",
           [](engine::Generator& generator, const py::object& image, std::uint64_t seed, const py::object& progress) {

@@ -48,7 +48,12 @@ std::string as_utf8(const std::string& text) {
 std::vector<Animation> clips_of(const Asset& asset, const JobOptions& options, Job* job) {
   engine::AnimateOptions animate;
   animate.fps = kClipRate;
-  animate.motions = options.all_motions ? engine::motions_of(asset) : options.motions;
+  animate.motions.clear();
+  for (const std::string& motion : options.all_motions ? engine::motions_of(asset) : options.motions) {
+    const bool has = std::any_of(asset.animations.begin(), asset.animations.end(),
+                                 [&](const Animation& clip) { return clip.name == motion; });
+    if (!has) animate.motions.push_back(motion);
+  }
   return animate.motions.empty() ? std::vector<Animation>() : engine::animate(asset, animate, job);
 }
 

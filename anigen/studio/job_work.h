@@ -30,7 +30,8 @@ class JobWork {
   std::unique_ptr<engine::Generator> generator_;
 };
 
-/// Clips as the options ask: all motions that the body can do, or those that they name.
+/// New clips as the options ask: all motions that the body can do, or those that they name, less those of which the
+/// asset has a clip.
 std::vector<Animation> clips_of(const Asset& asset, const JobOptions& options, Job* job);
 
 /// Text that JSON can hold: bytes that are no UTF-8 are replaced.

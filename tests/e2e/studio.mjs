@@ -241,6 +241,12 @@ try {
     await giveFile(page, '#mesh_door input', worm);
     const job = await shown(page, address, 'worm.obj');
     console.log(`mesh: ${job.result.joints} joints in ${job.result.seconds} s, clips ${job.result.clips.join(' ')}`);
+    // The command that the page shows makes a rig of as many joints.
+    const command = await page.value(text('command'));
+    const repeated = spawnSync('sh', ['-c', command + ' --json'], {
+      encoding: 'utf8', cwd: work, env: {...process.env, PATH: path.dirname(program) + path.delimiter + process.env.PATH},
+    });
+    expect(command.startsWith('anigen-rig worm.obj --method curve') && repeated.status === 0, command + ': ' + repeated.stderr);
     const clips = await page.value('studio.stage.clips.length');
     expect(clips === job.result.clips.length && clips > 0, `${clips} clips in the viewer`);
     const pose = await page.value('JSON.stringify(studio.stage.places())');

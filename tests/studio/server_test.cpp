@@ -159,6 +159,16 @@ TEST_F(StudioServer, RigsAnUploadThatIsDownloadedInThreeFormats) {
   refuses(reader.Get("/api/jobs/" + id), 404, "no such job");
 }
 
+TEST_F(StudioServer, KeepsTheClipsOfAFileAndAddsOthers) {
+  Asset dog = creatures::make_creature("quadruped", 3, 0);
+  ASSERT_FALSE(dog.animations.empty());
+  dog.animations.resize(1);
+  dog.animations[0].name = "walk";
+  const Json done = ended(accepted(engine::save_bytes(dog), "dog.glb", R"({"motions": ["walk", "idle"]})"));
+  ASSERT_EQ(done.at("state"), "done") << done.dump();
+  EXPECT_EQ(done.at("result").at("clips"), (Json::array({"walk", "idle"})));
+}
+
 TEST_F(StudioServer, BindsEditedJoints) {
   const std::string id =
       accepted(engine::save_bytes(test::hinged_boxes(0.1F, 0.2F)), "hinge.glb", R"({"motions": []})");

@@ -209,6 +209,22 @@ function showClips(wanted) {
   if (tab !== 'edit') stage.play(start);
 }
 
+// The command line that makes the rig of a job again, motions and edits aside.
+function commandOf(one) {
+  const quoted = (word) => /^[\w.+-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`, stem = one.name.replace(/\.[^.]*$/, '');
+  const {options} = one;
+  if (one.kind === 'image') {
+    const steps = ['ss_steps', 'slat_steps', 'joints'].filter((key) => options[key]).map((key) => ` --${key.replace('_', '-')} ${options[key]}`);
+    return `anigen-generate ${quoted(one.name)} --seed ${options.seed ?? 42}${steps.join('')} -o ${quoted(stem)}`;
+  }
+  const words = [];
+  for (const key of ['method', 'skin', 'joints', 'influences', 'names']) if (options[key]) words.push(`--${key} ${options[key]}`);
+  for (const word of options.templates ?? []) words.push(`--template ${word}`);
+  if (options.symmetric) words.push('--symmetric');
+  if (options.keep_skeleton === false && (options.method ?? 'auto') === 'auto') words.push('--new-skeleton');
+  return ['anigen-rig', quoted(one.name), ...words, '-o', quoted(`${stem}_rigged.glb`)].join(' ');
+}
+
 function showDownloads() {
   const one = job(), links = [];
   for (const form of one.edited ? ['edited', 'rigged'] : ['rigged']) {
@@ -217,6 +233,7 @@ function showDownloads() {
   }
   $('downloads').replaceChildren('Download: ', ...links);
   $('note').textContent = one.note;
+  $('command').textContent = commandOf(one);
 }
 
 async function openTab(wanted) {
