@@ -8,6 +8,9 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/random.h"
+#include "anigen/metrics/entropic_gw.h"
+#include "anigen/metrics/gw_bound.h"
+#include "anigen/metrics/gw_descent.h"
 #include "anigen/metrics/gw_problem.h"
 #include "anigen/metrics/sinkhorn.h"
 #include "anigen/metrics/transport_plan.h"
@@ -16,212 +19,6 @@
 namespace anigen::metrics {
 
 namespace {
-
-constexpr int kConditionalGradientSteps = 100;
-constexpr int kSweeps = 200;
-constexpr int kTurns = 20;
-
-double inner(const RowMatrix& matrix, const std::vector<PlanCell>& cells) {
-  double sum = 0.0;
-  for (const PlanCell& cell : cells) sum += cell.mass * matrix(cell.row, cell.column);
-  return sum;
-}
-
-// (1 - t) x + t y; both sorted by row and column.
-std::vector<PlanCell> mixed(const std::vector<PlanCell>& x, const std::vector<PlanCell>& y, double t) {
-  std::vector<PlanCell> result;
-  std::size_t i = 0, k = 0;
-  while (i < x.size() || k < y.size()) {
-    if (k == y.size() || (i < x.size() && x[i] < y[k])) {
-      result.push_back({x[i].row, x[i].column, (1.0 - t) * x[i].mass});
-      ++i;
-    } else if (i == x.size() || y[k] < x[i]) {
-      result.push_back({y[k].row, y[k].column, t * y[k].mass});
-      ++k;
-    } else {
-      result.push_back({x[i].row, x[i].column, (1.0 - t) * x[i].mass + t * y[k].mass});
-      ++i, ++k;
-    }
-  }
-  return result;
-}
-
-/// A local minimum of a GwProblem.
-struct GwPoint {
-  std::vector<PlanCell> cells;  ///< masses in units
-  double objective = 0.0;
-  RowMatrix gradient;  ///< there
-};
-
-/// Local search on a GwProblem: conditional gradient with exact line search (a transport problem per step), then
-/// exchanges of mass between two cells, (i,p), (j,q) -> (i,q), (j,p), in turns until neither improves.
-///
-/// An exchange is judged in constant time from the gradient D: with E = (e_i - e_j)(e_q - e_p)^T and delta units
-/// moved, the objective changes by delta <D, E> - 4 curvature delta^2 C1_ij C2_pq, and D by the rank-one matrix
-/// -2 curvature delta (C1_i - C1_j)(C2_q - C2_p)^T.
-class GwDescent {
- public:
-  explicit GwDescent(const GwProblem& problem)
-      : problem_(problem),
-        resolution_(problem.resolution()),
-        linear_program_(problem.units),
-        index_(at(problem.rows()) * at(problem.columns()), -1),
-        waiting_(at(problem.rows()), 0),
-        step_(at(problem.columns())) {}
-
-  /// Descends from a coupling. @param start masses in units, row and column sums those of the problem
-  GwPoint from(const std::vector<PlanCell>& start) {
-    std::vector<PlanCell> cells = start;
-    for (int turn = 0; turn < kTurns; ++turn) {
-      const int steps = conditional_gradient(cells, kConditionalGradientSteps);
-      if (turn > 0 && steps == 0) break;
-      set(cells, problem_.gradient(cells));
-      bool exchanged = false;
-      do {
-        std::fill(waiting_.begin(), waiting_.end(), char{1});
-      } while (exchange_waiting_rows() && (exchanged = true));
-      cells = cells_;
-      std::sort(cells.begin(), cells.end());
-      if (!exchanged) break;
-    }
-    set(cells, problem_.gradient(cells));
-    return current();
-  }
-  /// Does `exchanges` random exchanges from a point, then descends by further exchanges of the rows they touched.
-  /// @return the objective reached, at current()
-  double perturb(const GwPoint& start, int exchanges, Rng& rng) {
-    set(start.cells, start.gradient);
-    std::fill(waiting_.begin(), waiting_.end(), char{0});
-    for (int k = 0; k < exchanges; ++k) {
-      const std::size_t e = rng.index(cells_.size()), f = rng.index(cells_.size());
-      if (cells_[e].row != cells_[f].row && cells_[e].column != cells_[f].column) exchange(e, f);
-    }
-    exchange_waiting_rows();
-    return problem_.objective(cells_, gradient_);
-  }
-  GwPoint current() const { return {cells_, problem_.objective(cells_, gradient_), gradient_}; }
-  /// Conditional gradient alone. @return iterations done
-  int conditional_gradient(std::vector<PlanCell>& cells, int max_iterations) {
-    // Frank–Wolfe on f(X) = <M, X> − κ <C1 X C2, X>, κ the curvature, with G = ∇f(X) = M − 2 κ C1 X C2.
-    RowMatrix gradient = problem_.gradient(cells);
-    int iteration = 0;
-    for (; iteration < max_iterations; ++iteration) {
-      // Y = argmin <G, Y> over couplings; <G, X − Y> is the duality gap.
-      const std::vector<PlanCell>& vertex = linear_program_.solve(gradient);
-      const double slope = inner(gradient, vertex) - inner(gradient, cells);
-      if (slope >= -resolution_) break;
-      RowMatrix next = problem_.gradient(vertex);
-      const double curve = 0.5 * (inner(next, vertex) - inner(next, cells) - slope);
-      // f(X + t (Y − X)) = f(X) + t slope + t² curve, least at t = −slope / (2 curve); where it is concave, as for
-      // every pair of tree metrics, at the whole step.
-      const double t = curve <= 0.0 ? 1.0 : std::min(1.0, -slope / (2.0 * curve));
-      if (t == 1.0) {
-        cells = vertex;
-        gradient = std::move(next);
-      } else {
-        cells = mixed(cells, vertex, t);
-        gradient = (1.0 - t) * gradient + t * next;  // G is affine in X
-      }
-    }
-    return iteration;
-  }
-
- private:
-  void set(const std::vector<PlanCell>& cells, const RowMatrix& gradient) {
-    for (const PlanCell& cell : cells_) index_[at(cell.row) * at(problem_.columns()) + at(cell.column)] = -1;
-    cells_ = cells;
-    for (std::size_t e = 0; e < cells_.size(); ++e)
-      index_[at(cells_[e].row) * at(problem_.columns()) + at(cells_[e].column)] = static_cast<int>(e);
-    gradient_ = gradient;
-  }
-  bool exchange_waiting_rows() {
-    bool improved = false;
-    if (!problem_.sparse(cells_.size())) return improved;  // stopped inside the polytope: not a tree metric
-    for (int sweep = 0; sweep < kSweeps; ++sweep) {
-      bool waiting = false;
-      for (int row = 0; row < problem_.rows(); ++row) {
-        if (!waiting_[at(row)]) continue;
-        waiting_[at(row)] = 0;
-        for (std::size_t e = 0; e < cells_.size(); ++e) {
-          if (cells_[e].row == row && exchange_with_best_partner(e)) waiting = true;
-        }
-      }
-      if (!waiting) break;
-      improved = true;
-    }
-    return improved;
-  }
-  bool exchange_with_best_partner(std::size_t e) {
-    const PlanCell x = cells_[e];
-    const std::ptrdiff_t columns = problem_.columns();
-    const double* gradient = gradient_.data();
-    const double* own_row = gradient + x.row * columns;
-    const double* distances1 = problem_.c1.row(x.row).data();
-    const double* distances2 = problem_.c2.row(x.column).data();
-    const double own = own_row[x.column], bend = 4.0 * problem_.curvature;
-    double best = -resolution_;
-    std::size_t partner = e;
-    for (std::size_t f = 0; f < cells_.size(); ++f) {
-      const PlanCell& y = cells_[f];
-      const double* other = gradient + y.row * columns;
-      const double mass = std::min(x.mass, y.mass);
-      const double slope = own_row[y.column] + other[x.column] - own - other[y.column];
-      // δ <D, E> − 4 κ δ² C1_ij C2_pq, as above.
-      const double change = mass * (slope - bend * mass * distances1[y.row] * distances2[y.column]);
-      if (change < best) best = change, partner = f;
-    }
-    // In one row or column an exchange changes nothing; what looks like a gain there is rounding.
-    if (partner == e || x.row == cells_[partner].row || x.column == cells_[partner].column) return false;
-    exchange(e, partner);
-    return true;
-  }
-  void exchange(std::size_t e, std::size_t f) {
-    const PlanCell x = cells_[e], y = cells_[f];
-    const double mass = std::min(x.mass, y.mass);
-    waiting_[at(x.row)] = waiting_[at(y.row)] = 1;
-    add(x.row, y.column, mass);
-    add(y.row, x.column, mass);
-    add(x.row, x.column, -mass);
-    add(y.row, y.column, -mass);
-    const double* to = problem_.c2.row(y.column).data();
-    const double* away = problem_.c2.row(x.column).data();
-    const double factor = -2.0 * problem_.curvature * mass;
-    const int columns = problem_.columns();
-    for (int k = 0; k < columns; ++k) step_[at(k)] = factor * (to[k] - away[k]);
-    const double* from_row = problem_.c1.row(x.row).data();
-    const double* from_other = problem_.c1.row(y.row).data();
-    for (int i = 0; i < problem_.rows(); ++i) {
-      const double lever = from_row[i] - from_other[i];
-      kernels::add_scaled(lever, step_.data(), gradient_.row(i).data(), columns);
-    }
-  }
-  void add(int row, int column, double mass) {
-    const std::size_t place = at(row) * at(problem_.columns()) + at(column);
-    if (index_[place] < 0) {
-      index_[place] = static_cast<int>(cells_.size());
-      cells_.push_back({row, column, 0.0});
-    }
-    const std::size_t e = at(index_[place]);
-    cells_[e].mass += mass;
-    if (cells_[e].mass > 0.0) return;
-    // Emptied: the last cell takes its place.
-    index_[place] = -1;
-    if (e + 1 < cells_.size()) {
-      cells_[e] = cells_.back();
-      index_[at(cells_[e].row) * at(problem_.columns()) + at(cells_[e].column)] = static_cast<int>(e);
-    }
-    cells_.pop_back();
-  }
-
-  const GwProblem& problem_;
-  double resolution_;
-  TransportSolver linear_program_;
-  std::vector<PlanCell> cells_;
-  std::vector<int> index_;     // cell at (row, column), or -1
-  std::vector<char> waiting_;  // rows whose cells may have found new partners
-  RowMatrix gradient_;
-  std::vector<double> step_;
-};
 
 /// The search that gromov_wasserstein and fused_gromov_wasserstein share: minimises
 ///   (1 - alpha) <features, plan> + alpha sum (d1 - d2)^2 plan plan.
@@ -236,6 +33,8 @@ struct GwSearch {
   GromovWasserstein run() const;
 };
 
+// A search that still improves goes on: until it has done so many times the rounds that its last improvement took.
+constexpr double kPatience = 4.0, kMostPatience = 12.0;
 constexpr double kIsometric = 1e-14;  // of the largest squared distance: lengths equal to about 1e-7
 
 void check_distances(const Eigen::MatrixXd& c, const std::string& name) {
@@ -347,30 +146,10 @@ std::vector<GwSparseStart> all_starts(const GwSearch& search, const Numbered& nu
   }
   for (GwSparseStart& start : sorted_starts(numbers.problem)) starts.push_back(std::move(start));
   starts.push_back(profile_start(numbers.problem, profile_costs(numbers.c1, numbers.c2, numbers.a, numbers.b)));
+  if (!numbers.problem.tree1 || !numbers.problem.tree2)
+    for (GwSparseStart& start : cyclic_starts(numbers.problem)) starts.push_back(std::move(start));
   if (search.options.entropic) starts.push_back({"entropic", entropic_start(numbers)});
   return starts;
-}
-
-constexpr int kLookEvery = 10;
-
-// Plain (not logarithmic) Sinkhorn, as the published solver runs it.
-Eigen::MatrixXd scaled_kernel(const Eigen::MatrixXd& cost, const Eigen::VectorXd& a, const Eigen::VectorXd& b,
-                              const EntropicGwOptions& options) {
-  const Eigen::MatrixXd kernel = (-cost / options.epsilon).array().exp();  // K = exp(−C / ε)
-  Eigen::VectorXd u = uniform_masses(static_cast<std::size_t>(a.size()));
-  Eigen::VectorXd v = uniform_masses(static_cast<std::size_t>(b.size()));
-  for (int i = 0; i < options.sinkhorn_iterations; ++i) {
-    const Eigen::VectorXd last_u = u, last_v = v, columns = kernel.transpose() * u;
-    v = b.cwiseQuotient(columns);     // v = b / Kᵀu
-    u = a.cwiseQuotient(kernel * v);  // u = a / K v
-    if ((columns.array() == 0.0).any() || !u.allFinite() || !v.allFinite()) {
-      u = last_u;
-      v = last_v;
-      break;
-    }
-    if (i % kLookEvery == 0 && (v.cwiseProduct(kernel.transpose() * u) - b).norm() < options.sinkhorn_tolerance) break;
-  }
-  return u.asDiagonal() * kernel * v.asDiagonal();
 }
 
 GromovWasserstein GwSearch::run() const {
@@ -424,11 +203,15 @@ GromovWasserstein GwSearch::run() const {
     bool exchanged = false;
     const double affordable =
         std::min(1.0, kFullSearchCells / static_cast<double>(problem.c1.rows() * problem.c2.rows()));
-    const int rounds = static_cast<int>(std::ceil(options.perturbations * affordable));
+    const double least = options.perturbations * affordable;
+    double rounds = least;
     for (int round = 0; round < rounds; ++round) {
-      if (descent.perturb(best, 2 + round % 4, rng) >= best.objective - resolution) continue;
+      const double reached = problem.units.uniform && round % 2 == 1 ? descent.perturb_neighbourhoods(best, rng)
+                                                                     : descent.perturb(best, 2 + round % 4, rng);
+      if (reached >= best.objective - resolution) continue;
       best = descent.current();
       exchanged = true;
+      rounds = std::max(rounds, std::min(kPatience * (round + 0.1 * least), kMostPatience * least));
     }
     if (exchanged) {
       best = descent.from(best.cells);
@@ -495,37 +278,6 @@ GromovWasserstein fused_gromov_wasserstein(const Eigen::MatrixXd& features, cons
   std::vector<GwStart> all = {{"features", std::move(matched.plan)}};
   all.insert(all.end(), starts.begin(), starts.end());
   return GwSearch{c1, c2, a, b, &features, alpha, all, options}.run();
-}
-
-EntropicGw entropic_gromov_wasserstein(const Eigen::MatrixXd& distances1, const Eigen::MatrixXd& distances2,
-                                       const Eigen::VectorXd& a, const Eigen::VectorXd& b,
-                                       const EntropicGwOptions& options) {
-  if (!(options.epsilon > 0.0)) throw InputError("", "entropic Gromov-Wasserstein", "epsilon must be positive");
-  check_transport(Eigen::MatrixXd::Zero(distances1.rows(), distances2.rows()), a, b);
-  const double largest = std::max(distances1.maxCoeff(), distances2.maxCoeff());
-  const double scale = largest > 0.0 ? largest : 1.0;
-  const Eigen::MatrixXd c1 = distances1 / scale, c2 = distances2 / scale;
-  // Half the gradient of Σ (C1_ij − C2_kl)² T_ik T_jl (Peyré, Cuturi and Solomon 2016, proposition 1):
-  // 𝓛(T) = C1² a 1ᵀ + 1 (C2² b)ᵀ − 2 C1 T C2.
-  const Eigen::VectorXd first = c1.cwiseAbs2() * a, second = c2.cwiseAbs2() * b;
-
-  EntropicGw result;
-  result.plan = a * b.transpose();
-  double change = 1.0;
-  while (change > options.tolerance && result.iterations < options.max_iterations) {
-    const Eigen::MatrixXd last = result.plan;
-    Eigen::MatrixXd gradient = -4.0 * (c1 * last * c2);
-    gradient.colwise() += 2.0 * first;
-    gradient.rowwise() += 2.0 * second.transpose();
-    if (options.solver == EntropicGwSolver::kProximalPoint) gradient.array() -= options.epsilon * last.array().log();
-    result.plan = scaled_kernel(gradient, a, b, options);  // T ← Sinkhorn(2 𝓛(T), ε)
-    if (result.iterations % kLookEvery == 0) change = (result.plan - last).norm();
-    ++result.iterations;
-  }
-  const Eigen::VectorXd rows = result.plan.rowwise().sum(), columns = result.plan.colwise().sum();
-  result.marginal_error = (rows - a).cwiseAbs().sum() + (columns - b).cwiseAbs().sum();
-  result.cost = gw_cost(c1, c2, result.plan) * scale * scale;
-  return result;
 }
 
 }  // namespace anigen::metrics

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/metrics/gw_bound.h"
+#include "anigen/metrics/gw_starts.h"
 
 namespace anigen::metrics {
 
@@ -14,10 +14,11 @@ inline constexpr int kFullSearchCells = 2000;
 
 struct GromovWassersteinOptions {
   int descents = 2;  ///< starts that go on to a local minimum: those of least cost
-  /// Rounds of iterated local search after the starts: a few random exchanges of the best coupling, then descent.
+  /// Rounds of iterated local search after the starts, at least: a few random exchanges of the best coupling or, with
+  /// equal masses, of the partners of two neighbourhoods, then descent. Up to twelve times as many while they improve.
   /// Drawn from a stream of this seed in the canonical numbering, so equal input gives equal output.
   /// One takes time in proportion to n·m: beyond kFullSearchCells of them there are fewer, so that all take as long.
-  int perturbations = 60;
+  int perturbations = 90;
   std::uint64_t seed = 0;
   bool entropic = false;  ///< also start from an entropic (proximal) plan; slower, seldom better
 };
@@ -35,7 +36,8 @@ struct GromovWasserstein {
 /// Gromov–Wasserstein distance with square loss (equation 8 of the paper; Mémoli's definition has a factor 1/2 more).
 /// Conditional gradient and exchanges from the cheapest few of several deterministic starts, the best kept: an
 /// isomorphism when the two trees have one (then the minimum is 0 and nothing else is tried), joints sorted by mean
-/// distance, eccentricity and position along the longest path, the coupling of the third lower bound, and `starts`.
+/// distance, eccentricity and position along the longest path, the coupling of the third lower bound, turns of either
+/// side for metrics that are no tree's, and `starts`.
 /// Tree geodesics are recognised by themselves and numbered canonically first, so labels do not matter; other metrics
 /// are solved as they come.
 /// @param c1 [n,n], @param c2 [m,m]  symmetric, zero diagonal, nonnegative
@@ -67,35 +69,5 @@ GromovWasserstein fused_gromov_wasserstein(const Eigen::MatrixXd& features, cons
                                            const Eigen::VectorXd& b, double alpha = 0.5,
                                            const std::vector<GwStart>& starts = {},
                                            const GromovWassersteinOptions& options = {});
-
-enum class EntropicGwSolver {
-  kProjectedGradient,  ///< PGD: mirror descent on cost + epsilon * negative entropy (Peyré, Cuturi and Solomon 2016)
-  kProximalPoint,      ///< PPA: the entropy is taken relative to the last plan, so it vanishes at the limit (Xu et al.
-                       ///< 2019)
-};
-
-struct EntropicGwOptions {
-  EntropicGwSolver solver = EntropicGwSolver::kProjectedGradient;
-  double epsilon = 5e-3;  ///< in the unit of squared distances after division by the largest distance of both spaces
-  int max_iterations = 200;
-  double tolerance = 1e-9;  ///< on the Frobenius norm of a plan's change, looked at every 10th iteration
-  int sinkhorn_iterations = 1000;
-  double sinkhorn_tolerance = 1e-9;  ///< on the Euclidean norm of the column masses' error, looked at every 10th
-};
-
-struct EntropicGw {
-  Eigen::MatrixXd plan;  ///< [n,m]; columns may miss their masses by marginal_error
-  double cost = 0.0;     ///< Gromov–Wasserstein cost of the plan without entropy, in squared units of the input
-  double marginal_error = 0.0;  ///< L1 over rows and columns
-  int iterations = 0;
-};
-
-/// Entropic Gromov–Wasserstein with square loss from the product plan, both matrices divided by the largest distance:
-/// plan <- Sinkhorn(2 (const - 2 C1 plan C2), epsilon), with epsilon log(plan) subtracted for the proximal variant.
-/// Iterates in the order of the published solver (POT), so that plans agree with it. Should a scaling leave the range
-/// of double precision, the last good one counts.
-/// @param c1 [n,n], @param c2 [m,m]  symmetric, @param a [n], @param b [m]
-EntropicGw entropic_gromov_wasserstein(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
-                                       const Eigen::VectorXd& b, const EntropicGwOptions& options = {});
 
 }  // namespace anigen::metrics

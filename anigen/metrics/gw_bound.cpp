@@ -50,19 +50,6 @@ Eigen::VectorXd centred_spectrum(const Eigen::MatrixXd& c, const Eigen::VectorXd
   return solver.eigenvalues().reverse();
 }
 
-Eigen::VectorXd masses(const std::vector<std::int64_t>& units) {
-  Eigen::VectorXd result(static_cast<Eigen::Index>(units.size()));
-  for (std::size_t i = 0; i < units.size(); ++i) result[static_cast<Eigen::Index>(i)] = static_cast<double>(units[i]);
-  return result;
-}
-
-// Distance to one end of the longest path minus distance to the other.
-Eigen::VectorXd along_diameter(const RowMatrix& c) {
-  Eigen::Index one = 0, two = 0;
-  c.maxCoeff(&one, &two);
-  return c.col(one) - c.col(two);
-}
-
 /// Minimum over couplings of the linear part about the product plan plus the least the quadratic part can be: the
 /// scaled deviation from the product has singular values of at most 1, so by von Neumann's inequality the quadratic
 /// part is at most the sum of products of the sorted eigenvalues of the centred distance matrices (the projected
@@ -142,23 +129,6 @@ GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2
   bound.spectral = root(spectral_bound(c1, c2, a, b));
   bound.best = std::max({bound.global_distances, bound.local_distances, bound.spectral});
   return bound;
-}
-
-std::vector<GwSparseStart> sorted_starts(const GwProblem& problem) {
-  const MassUnits& units = problem.units;
-  const auto monotone = [&](const Eigen::VectorXd& rows, const Eigen::VectorXd& columns) {
-    return monotone_coupling(units, ascending(rows), ascending(columns));
-  };
-  const Eigen::VectorXd path1 = along_diameter(problem.c1), path2 = along_diameter(problem.c2);
-  return {{"product", monotone(problem.c1 * masses(units.supplies), problem.c2 * masses(units.demands))},
-          {"eccentricity", monotone(problem.c1.rowwise().maxCoeff(), problem.c2.rowwise().maxCoeff())},
-          {"diameter", monotone(path1, path2)},
-          {"diameter reversed", monotone(path1, -path2)}};
-}
-
-GwSparseStart profile_start(const GwProblem& problem, const RowMatrix& costs) {
-  TransportSolver transport(problem.units);
-  return {"profiles", transport.solve(costs)};
 }
 
 }  // namespace anigen::metrics

@@ -26,26 +26,4 @@ GwLowerBound gw_lower_bound(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2
 RowMatrix profile_costs(const Eigen::MatrixXd& c1, const Eigen::MatrixXd& c2, const Eigen::VectorXd& a,
                         const Eigen::VectorXd& b);
 
-/// A place where the search for a Gromov–Wasserstein coupling begins.
-struct GwStart {
-  std::string name;
-  Eigen::MatrixXd plan;  ///< [n,m] a coupling of the masses
-};
-
-/// As above, as sparse cells in units of the problem.
-struct GwSparseStart {
-  std::string name;
-  std::vector<PlanCell> cells;
-};
-
-/// Starts made of the two metric spaces alone, each a monotone coupling of joints sorted by one number:
-///   product        mean distance; exactly the vertex where conditional gradient goes from the product plan
-///   eccentricity   largest distance
-///   diameter       position between the two ends of the longest path, and the same reversed
-std::vector<GwSparseStart> sorted_starts(const GwProblem& problem);
-
-/// The coupling that the third lower bound attains ("profiles"): joints matched by their sorted distances to the
-/// others. @param costs profile_costs of the problem's matrices
-GwSparseStart profile_start(const GwProblem& problem, const RowMatrix& costs);
-
 }  // namespace anigen::metrics

@@ -5,6 +5,7 @@
 #include "anigen/metrics/alignment.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/deformation.h"
+#include "anigen/metrics/entropic_gw.h"
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
 #include "anigen/metrics/gw_problem.h"

@@ -3,6 +3,7 @@
 #include <limits>
 #include <string>
 
+#include "anigen/metrics/entropic_gw.h"
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
 #include "anigen/metrics/metric_skeleton.h"

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "anigen/core/error.h"
+#include "anigen/metrics/entropic_gw.h"
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
 #include "anigen/metrics/gw_problem.h"

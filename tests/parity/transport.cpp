@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "anigen/core/random.h"
+#include "anigen/metrics/entropic_gw.h"
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_bound.h"
 #include "anigen/metrics/gw_problem.h"
