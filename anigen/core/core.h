@@ -18,6 +18,8 @@
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/core/sandbox.h"
 #include "anigen/core/table.h"
 #include "anigen/core/text.h"
 #include "anigen/core/version.h"
+#include "anigen/core/worker_process.h"

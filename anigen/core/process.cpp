@@ -6,6 +6,7 @@
 #include <sys/file.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <algorithm>
@@ -22,6 +23,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/job.h"
 #include "anigen/core/random.h"
+#include "anigen/core/worker_process.h"
 
 namespace anigen {
 
@@ -122,15 +124,15 @@ void lower_limit(int resource, std::uint64_t value) {
   ::setrlimit(static_cast<__rlimit_resource_t>(resource), &limit);
 }
 
-bool write_all(int to, const char* bytes, std::size_t count) {
-  while (count > 0) {
-    const ssize_t n = ::write(to, bytes, count);
-    if (n < 0 && errno != EINTR) return false;
-    if (n < 0) continue;
-    bytes += n;
-    count -= static_cast<std::size_t>(n);
-  }
-  return true;
+/// Closes every file of this process but its standard ones and one more, where the system can.
+void close_all_but(int kept) {
+#ifdef SYS_close_range
+  const auto before = static_cast<unsigned>(kept);
+  if (before > STDERR_FILENO + 1U) ::syscall(SYS_close_range, STDERR_FILENO + 1U, before - 1, 0U);
+  ::syscall(SYS_close_range, std::max(before, STDERR_FILENO + 0U) + 1U, ~0U, 0U);
+#else
+  static_cast<void>(kept);
+#endif
 }
 
 /// The copy's side: the length of the result, then the result. It never returns.
@@ -143,11 +145,15 @@ bool write_all(int to, const char* bytes, std::size_t count) {
   if (memory > 0) lower_limit(RLIMIT_AS, memory);
   int status = kWorkThrew;
   try {
+    if (limits.sandbox) {
+      close_all_but(to);
+      enter_sandbox(*limits.sandbox);
+    }
     const std::string result = work();
     const std::uint64_t size = result.size();
     char head[sizeof size];
     std::memcpy(head, &size, sizeof size);
-    if (write_all(to, head, sizeof head) && write_all(to, result.data(), result.size())) status = 0;
+    if (write_all(to, {head, sizeof head}) && write_all(to, result)) status = 0;
   } catch (const std::exception&) {
   }
   ::_exit(status);
@@ -347,6 +353,9 @@ ChildProcess::ChildProcess(const ChildProgram& program) : last_signal_(program.l
     const int errors = log >= 0 ? log : STDERR_FILENO;
     const auto put = [](int from, int to) { return from == to || ::dup2(from, to) >= 0; };
     if (!put(input, STDIN_FILENO) || !put(output, STDOUT_FILENO) || !put(errors, STDERR_FILENO)) ::_exit(127);
+#ifdef SYS_close_range
+    ::syscall(SYS_close_range, STDERR_FILENO + 1U, ~0U, 0U);  // libraries open files that exec would leave open
+#endif
     ::execve(file.c_str(), arguments.data(), environment.data());
     const char text[] = "cannot be run\n";
     (void)!::write(STDERR_FILENO, text, sizeof text - 1);

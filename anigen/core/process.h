@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "anigen/core/config.h"
+#include "anigen/core/sandbox.h"
 
 namespace anigen {
 
@@ -144,6 +145,8 @@ struct ProcessLimits {
   double cpu_seconds = 60.0;
   std::uint64_t more_memory =
       0;  ///< bytes of address space beyond what this process has; 0: as much as the machine has
+  /// Rights that it keeps; nothing: all of this process's, with the files that are open in it.
+  std::optional<SandboxRights> sandbox = {};
   /// Called here many times a second while the work runs, to show progress; the work is ended by what it throws.
   std::function<void()> while_waiting = {};
 };

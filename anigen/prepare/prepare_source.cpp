@@ -123,6 +123,19 @@ void measure(const Asset& asset, AssetRecord& record) {
   record.skeleton = describe(asset.skeleton);
 }
 
+/// Brings an asset that was read into the frame and the form of the dataset.
+void finish_import(PreparedAsset& prepared, const CleaningOptions& cleaning, bool creature, const std::string& name) {
+  AssetRecord& record = prepared.record;
+  const Similarity similarity = normalize(prepared.asset);
+  record.scale = similarity.scale;
+  record.offset = {similarity.offset.x(), similarity.offset.y(), similarity.offset.z()};
+  if (!creature)
+    record.findings = clean(prepared.asset, {record.lowest_weight_sum, record.repeated_names}, cleaning, name);
+  if (auto finding = coarsen_skeleton(prepared.asset, cleaning.kept_joints, name))
+    record.findings.push_back(std::move(*finding));
+  measure(prepared.asset, record);
+}
+
 }  // namespace
 
 Json import_columns(const AssetRecord& record) {
@@ -310,16 +323,17 @@ PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cle
         record.repairs.push_back(note.code);
     }
   }
-  const Similarity similarity = normalize(prepared.asset);
-  record.scale = similarity.scale;
-  record.offset = {similarity.offset.x(), similarity.offset.y(), similarity.offset.z()};
-  if (!source.procedural()) {
-    const ReadQuality quality{record.lowest_weight_sum, record.repeated_names};
-    record.findings = clean(prepared.asset, quality, cleaning, source.file_identifier);
-  }
-  if (auto finding = coarsen_skeleton(prepared.asset, cleaning.kept_joints, source.file_identifier))
-    record.findings.push_back(std::move(*finding));
-  measure(prepared.asset, record);
+  finish_import(prepared, cleaning, source.procedural(), source.file_identifier);
+  return prepared;
+}
+
+PreparedAsset import_asset(Asset asset, const CleaningOptions& cleaning, const std::string& name) {
+  const std::vector<std::string> unsound = anigen::validate(asset, 1);
+  if (!unsound.empty()) throw InputError(name, "", unsound.front());
+  PreparedAsset prepared;
+  prepared.asset = std::move(asset);
+  prepared.record.source = "real";
+  finish_import(prepared, cleaning, false, name);
   return prepared;
 }
 

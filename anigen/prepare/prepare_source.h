@@ -118,6 +118,9 @@ struct PreparedAsset {
 PreparedAsset import_asset(const AssetSource& source, const CleaningOptions& cleaning = {},
                            const io::RigReader& reader = io::RigReader());
 
+/// Likewise of an asset in memory. @param name for messages @throws InputError also naming what is unsound in it
+PreparedAsset import_asset(Asset asset, const CleaningOptions& cleaning, const std::string& name);
+
 /// Number of vertices got weights that were not in the file, as the importer's notes tell.
 std::size_t invented_rows(const std::vector<io::ImportNote>& notes);
 

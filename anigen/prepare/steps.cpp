@@ -263,10 +263,11 @@ ViewSettings with_count(ViewSettings settings, std::size_t published, std::uint6
   return settings;
 }
 
-void check_views(const ViewSettings& settings, const std::string& option) {
+/// @param count, size options of the program
+void check_views(const ViewSettings& settings, const std::string& count, const std::string& size) {
   // Three digits name the pictures of the published layout.
-  if (settings.count > 1000) throw InputError("", option, "at most 1000 views");
-  if (settings.size < 8 || settings.size > 4096) throw InputError("", option + "-size", "must lie in 8 … 4096 pixels");
+  if (settings.count > 1000) throw InputError("", count, "at most 1000 views");
+  if (settings.size < 8 || settings.size > 4096) throw InputError("", size, "must lie in 8 … 4096 pixels");
   if (settings.samples_per_axis < 1 || settings.samples_per_axis > 16)
     throw InputError("", "--view-samples", "must lie in 1 … 16");
 }
@@ -416,8 +417,8 @@ void StepPlan::validate() const {
   if (wants("augment") && variants == 0) throw InputError("", "--only", "augment needs --augment K");
   if (resolution < 2 || resolution > 1024) throw InputError("", "--voxel-resolution", "must lie in 2 … 1024");
   if (variants > 10000) throw InputError("", "--augment", "at most 10000 variants");
-  check_views(views, "--views");
-  check_views(condition_views, "--cond-views");
+  check_views(views, "--views", "--view-size");
+  check_views(condition_views, "--cond-views", "--cond-view-size");
   poses.validate();
   cleaning.validate();
 }

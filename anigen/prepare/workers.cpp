@@ -1,17 +1,11 @@
 #include "anigen/prepare/workers.h"
 
 #include <poll.h>
-#include <signal.h>
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <cstdlib>
-#include <cstring>
-#include <fstream>
 #include <iostream>
 #include <map>
-#include <system_error>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -19,59 +13,23 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/table.h"
+#include "anigen/core/worker_process.h"
 #include "anigen/prepare/prepare_source.h"
 
 namespace anigen::prepare {
 
 namespace {
 
-/// Far above any message; a worker that sends more without a line break has lost its way.
-constexpr std::size_t kLongestLine = std::size_t{64} << 20;
-
-std::uint64_t resident_pages(const std::string& folder) {
-  std::ifstream file(folder + "/statm");
-  std::uint64_t total = 0, resident = 0;
-  return file >> total >> resident ? resident : 0;
-}
-
 void stop_if_interrupted() {
   if (!interrupt_requested()) return;
   throw Interrupted("interrupted: what was finished is kept, the same command goes on from there");
-}
-
-/// @return false when nobody reads any more
-bool write_all(int descriptor, const std::string& text) {
-  for (std::size_t sent = 0; sent < text.size();) {
-    const ssize_t n = ::write(descriptor, text.data() + sent, text.size() - sent);
-    if (n >= 0) {
-      sent += static_cast<std::size_t>(n);
-    } else if (errno != EINTR) {
-      return false;
-    }
-  }
-  return true;
 }
 
 /// Interval between checks of memory and time. A worker that allocates 4 GB/s overshoots its budget by 100 MB.
 constexpr int kWatchMilliseconds = 25;
 constexpr std::size_t kMostStillborn = 3;
 
-/// Writes messages to what was standard output, which now is standard error for everybody else.
-class Messages {
- public:
-  Messages() : descriptor_(::dup(STDOUT_FILENO)) { ::dup2(STDERR_FILENO, STDOUT_FILENO); }
-  ~Messages() { ::close(descriptor_); }
-
-  void send(const Json& message) const {
-    const std::string text = message.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
-    if (!write_all(descriptor_, text)) std::_Exit(1);  // nobody listens any more
-  }
-
- private:
-  int descriptor_;
-};
-
-void work(const FeatureExtractorFactory& factory, const Messages& messages) {
+void work(const FeatureExtractorFactory& factory, const WorkerMessages& messages) {
   std::string line;
   if (!std::getline(std::cin, line)) return;
   const auto settings = parse_json(line, "settings of a worker").get<WorkerSettings>();
@@ -204,83 +162,6 @@ class WorkerExecutor : public Executor {
 
 }  // namespace
 
-/// A child process that is spoken to in lines: one goes to its standard input, lines come back from its standard
-/// output; its standard error is ours. It dies with its parent (core/process.h).
-class WorkerProcess {
- public:
-  /// @param command program and arguments @throws Error when the system refuses a pipe or a process; a program that
-  /// cannot be run shows as a worker that ended with status 127
-  explicit WorkerProcess(const std::vector<std::string>& command)
-      : child_([&command] {
-          ChildProgram program;
-          program.words = command;
-          program.pipes = true;
-          program.own_group = false;  // what Ctrl-C means for workers is for the parent to decide
-          program.last_signal = SIGKILL;
-          return program;
-        }()) {}
-
-  int output() const { return child_.output(); }  ///< to poll
-
-  /// @return false when the worker is gone
-  bool send(const std::string& line) { return write_all(child_.input(), line + "\n"); }
-  /// Takes what is there without waiting for more. @return complete lines; `ended` is set at end of file
-  std::vector<std::string> receive(bool& ended) {
-    char buffer[65536];
-    for (;;) {
-      const ssize_t n = ::read(child_.output(), buffer, sizeof buffer);
-      if (n > 0) {
-        unread_.append(buffer, static_cast<std::size_t>(n));
-        if (unread_.size() > kLongestLine) kill();
-      } else if (n == 0) {
-        ended = true;
-        break;
-      } else if (errno != EINTR) {
-        ended = errno != EAGAIN && errno != EWOULDBLOCK;
-        break;
-      }
-    }
-    std::vector<std::string> lines;
-    std::size_t begin = 0;
-    for (std::size_t end; (end = unread_.find('\n', begin)) != std::string::npos; begin = end + 1)
-      lines.push_back(unread_.substr(begin, end - begin));
-    unread_.erase(0, begin);
-    return lines;
-  }
-  /// Memory that the worker and the processes it started (run_guarded) have in RAM, bytes; 0 when it cannot be told.
-  std::uint64_t resident_bytes() const {
-    const std::string folder = "/proc/" + std::to_string(child_.id());
-    const std::uint64_t own = resident_pages(folder);
-    std::uint64_t pages = own;
-    std::error_code error;
-    for (std::filesystem::directory_iterator thread(folder + "/task", error), end; !error && thread != end;
-         thread.increment(error)) {
-      std::ifstream children(thread->path() / "children");
-      // A copy shares the worker's pages until one of them writes: those count once.
-      for (std::string child; children >> child;) pages += std::max(own, resident_pages("/proc/" + child)) - own;
-    }
-    return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
-  }
-  /// Ends it at once. A worker writes files by rename only, so this leaves nothing half-done under a final name.
-  void kill() { child_.send(SIGKILL); }
-  /// Waits for the end. @return how it ended, in words: "ended with status 3", "was ended by signal 11 (Segmentation
-  /// fault)"
-  std::string wait() {
-    for (int round = 0;; ++round) {
-      if (const auto end = child_.poll()) {
-        if (end->status >= 0) return "ended with status " + std::to_string(end->status);
-        return "was ended by signal " + std::to_string(-end->status) + " (" + ::strsignal(-end->status) + ")";
-      }
-      ::usleep(10000);
-      if (round == 99) kill();  // closed its output without ending
-    }
-  }
-
- private:
-  ChildProcess child_;  ///< killed when it still runs
-  std::string unread_;
-};
-
 using Clock = std::chrono::steady_clock;
 
 struct WorkerPool::Worker {
@@ -412,7 +293,7 @@ void WorkerPool::run(const PoolClient& client) {
 }
 
 int run_worker(const FeatureExtractorFactory& factory) {
-  const Messages messages;
+  const WorkerMessages messages;
   try {
     work(factory, messages);
     return 0;

@@ -2,7 +2,9 @@
 
 #include <ATen/Context.h>
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
+#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <optional>
@@ -100,7 +102,7 @@ class RunFolderLock {
     // In place: a file that is renamed over this one would not be locked.
     std::ofstream out(file, std::ios::trunc | std::ios::binary);
     out << to_json(this_process()).dump() << "\n" << std::flush;
-    if (!out) throw Error(file.string() + ": cannot be written; is the disk full?");
+    if (!out) throw WriteError(file.string() + ": cannot write: " + std::strerror(errno));
   }
 
  private:

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <cstring>
 #include <fstream>
 #include <set>
 #include <system_error>
@@ -248,7 +250,7 @@ void write_safetensors(const std::filesystem::path& path, const NamedArrays& ten
   for (const auto& [name, array] : tensors)
     out.write(reinterpret_cast<const char*>(array.bytes.data()), static_cast<std::streamsize>(array.bytes.size()));
   out.close();
-  if (!out) throw Error(path.string() + ": cannot be written; is the disk full?");
+  if (!out) throw WriteError(path.string() + ": cannot write: " + std::strerror(errno));
   target.commit();
 }
 

@@ -24,7 +24,8 @@ SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::s
 std::map<std::string, std::string> read_safetensors_metadata(const std::filesystem::path& path);
 
 /// Atomic; equal input gives equal bytes. The data section starts at a multiple of 8 bytes, tensors follow each other
-/// in the order given without gaps (which the format forbids). @throws Error when a name is taken twice or reserved
+/// in the order given without gaps (which the format forbids). @throws WriteError when the disk refuses; Error when a
+/// name is taken twice or reserved
 void write_safetensors(const std::filesystem::path& path, const NamedArrays& tensors,
                        const std::map<std::string, std::string>& metadata = {});
 

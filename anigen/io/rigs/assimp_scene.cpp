@@ -456,6 +456,7 @@ ImportedAsset read_assimp(const fs::path& path, const ImportOptions& options) {
     const std::uint64_t size = error ? 0 : static_cast<std::uint64_t>(bytes);
     limits.cpu_seconds = kSeconds + kSecondsPerMebibyte * static_cast<double>(size) / (1 << 20);
     limits.more_memory = kMemory + kMemoryPerByte * size;
+    limits.sandbox = SandboxRights();  // it reads, and answers by the pipe
     GuardedWork work = run_guarded([&] { return read_with_assimp(path, options); }, limits);
     if (!work.finished) {
       throw InputError(file, "",

@@ -21,7 +21,7 @@ namespace anigen::io {
 ///
 /// Before Assimp sees a file it is scanned for what its recursion cannot stand: nesting, scene graphs with cycles or
 /// that grow without bound. Assimp works in a process of its own (run_guarded), since files exist that end it or that
-/// it never finishes.
+/// it never finishes; that process has no right to write files, run programs or open sockets (core/sandbox.h).
 /// @throws InputError naming the file, also when Assimp crashed on it or took too long; NotSupportedError for other
 /// extensions
 ImportedAsset read_assimp(const std::filesystem::path& file, const ImportOptions& options = {});

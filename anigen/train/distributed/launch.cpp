@@ -1,19 +1,16 @@
 #include "anigen/train/distributed/launch.h"
 
 #include <unistd.h>
-#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
-#include <cstring>
-#include <filesystem>
 #include <optional>
 #include <sstream>
-#include <system_error>
 #include <thread>
 
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
+#include "anigen/core/private_folder.h"
 #include "anigen/core/process.h"
 
 extern char** environ;  // NOLINT(readability-redundant-declaration): POSIX leaves it to the program
@@ -140,25 +137,6 @@ ChildProcess start(const std::vector<std::string>& words, int rank, int ranks, c
                          "ANIGEN_RENDEZVOUS=file://" + rendezvous};
   return ChildProcess(program);
 }
-
-// A new folder that only this user can enter, gone with what is in it at the end.
-class PrivateFolder {
- public:
-  PrivateFolder() : path_((std::filesystem::temp_directory_path() / "anigen-ranks-XXXXXX").string()) {
-    if (::mkdtemp(path_.data()) == nullptr)
-      throw Error(path_ + ": cannot create a temporary folder: " + std::strerror(errno));
-  }
-  ~PrivateFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  PrivateFolder(const PrivateFolder&) = delete;
-  PrivateFolder& operator=(const PrivateFolder&) = delete;
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
 
 class Processes {
  public:

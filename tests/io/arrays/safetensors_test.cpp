@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "anigen/core/config.h"
+#include "anigen/core/error.h"
+#include "anigen/core/process.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "tests/io/arrays/array_file_bytes.h"
 
@@ -77,6 +79,27 @@ TEST_F(Safetensors, RefusesToWriteNonsense) {
   EXPECT_THROW(write_safetensors(folder_ / "x", {{"__metadata__", one}}), Error);
   EXPECT_THROW(write_safetensors(folder_ / "x", {{"\xff", one}}), Error);
   EXPECT_THROW(write_safetensors(folder_ / "x", {{"a", NdArray{Dtype::kF32, {2}, {1}}}}), Error);
+  EXPECT_TRUE(std::filesystem::is_empty(folder_.path()));
+}
+
+TEST_F(Safetensors, ADiskThatRefusesIsNamedWithItsReason) {
+  SandboxRights rights;
+  rights.writable = {folder_.path()};
+  rights.file_bytes = 1000;
+  ProcessLimits limits;
+  limits.sandbox = rights;
+  const GuardedWork work = run_guarded(
+      [&]() -> std::string {
+        try {
+          write_safetensors(folder_ / "large.safetensors",
+                            {{"a", NdArray::from<float>(std::vector<float>(100'000), {100'000})}});
+        } catch (const WriteError& error) {
+          return error.what();
+        }
+        return "done";
+      },
+      limits);
+  EXPECT_EQ(work.result, (folder_ / "large.safetensors").string() + ": cannot write: File too large");
   EXPECT_TRUE(std::filesystem::is_empty(folder_.path()));
 }
 

@@ -1,11 +1,17 @@
 // FBX and COLLADA through Assimp: the same rig must come out of both as of every other format.
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
+#include <fstream>
 #include <functional>
+#include <iterator>
+#include <thread>
 
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/sandbox.h"
 #include "anigen/io/rigs/assimp.h"
 #include "anigen/io/rigs/assimp_scene.h"
 #include "anigen/io/rigs/rigged_shape.h"
@@ -395,6 +401,37 @@ std::string record(std::size_t at, const std::string& name, const std::string& p
   const std::size_t head = 13 + name.size() + properties.size();
   return little(at + head + inside.size()) + little(0) + little(properties.size()) + static_cast<char>(name.size()) +
          name + properties + inside;
+}
+
+/// Lines of /proc/<id>/status of the processes that this one has started.
+std::string status_of_children() {
+  std::string text;
+  for (const fs::directory_entry& task : fs::directory_iterator("/proc/self/task")) {
+    std::ifstream children(task.path() / "children");
+    for (std::string child; children >> child;) {
+      std::ifstream file("/proc/" + child + "/status");
+      text.append(std::istreambuf_iterator<char>(file), {});
+    }
+  }
+  return text;
+}
+
+TEST(AssimpProcess, HasNoRights) {
+  if (!sandbox_means().calls) GTEST_SKIP() << "this kernel has no seccomp filters";
+  const test::TemporaryFolder folder;
+  write_file_atomically(folder / "a.dae", test::collada_text(RigFile()));
+  std::atomic<bool> done{false}, held{false};
+  std::thread watch([&] {
+    while (!done && !held) {
+      const std::string status = status_of_children();
+      held = status.find("NoNewPrivs:\t1\n") != std::string::npos && status.find("Seccomp:\t2\n") != std::string::npos;
+    }
+  });
+  const auto begin = std::chrono::steady_clock::now();
+  while (!held && std::chrono::steady_clock::now() - begin < std::chrono::seconds(20)) read_assimp(folder / "a.dae");
+  done = true;
+  watch.join();
+  EXPECT_TRUE(held);
 }
 
 TEST(FbxScan, ReadsBinaryFiles) {
