@@ -1,8 +1,10 @@
 // Cost of a whole generation with the published models: picture tokens by DINOv2, both flows with guidance, both
 // decoders, on voxels of a real asset or of an ellipsoid of about as many. Seconds of every part, what 25 + 25 steps
 // take at the rate of the steps that were made, and the most memory that was held. As `anigen-generate --precision
-// bf16`; with --low-memory one model at a time, as there.
-//   benchmark_generation [--fp32] [--low-memory] [--steps=3] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
+// bf16`; with --low-memory one model at a time, as there. --whole takes the steps as those of a whole sampling, such as
+// 12 of --adams with guidance every second step.
+//   benchmark_generation [--fp32|--int8] [--low-memory] [--steps=3 [--whole] [--adams] [--guidance-every=N]]
+//                        [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
 //                        [--threads=N] [--benchmark_out=FILE]
 // Weights are a pattern, which takes as long as trained ones but gives no shape: the second flow and the decoder work
 // on the voxels given, so that reading weights, normals of the picture and finishing of the mesh are not in it.
@@ -29,11 +31,15 @@ constexpr std::int64_t kJoints = 40;
 constexpr double kStructureStrength = 7.5, kLatentStrength = 3.0;  // of the published pipeline
 
 struct Settings : FlowSettings {
-  bool low_memory = false;
+  bool low_memory = false, whole = false, adams = false;
+  long guidance_every = 1;
   std::string voxels, skeleton_voxels;
 
   bool read(const std::string& word) {
     if (word == "--low-memory") return low_memory = true;
+    if (word == "--whole") return whole = true;
+    if (word == "--adams") return adams = true;
+    if (read_number(word, "guidance-every", 1, guidance_every)) return true;
     return read_text(word, "voxels", voxels) || read_text(word, "skeleton-voxels", skeleton_voxels) ||
            FlowSettings::read(word);
   }
@@ -45,11 +51,12 @@ class Parts {
   explicit Parts(const Settings& settings) : settings_(settings) {}
 
   void add(const std::string& name, double seconds, std::int64_t steps = 0) {
-    const double whole = steps == 0 ? seconds : seconds / static_cast<double>(steps) * kPublishedSteps;
+    const double whole =
+        steps == 0 || settings_.whole ? seconds : seconds / static_cast<double>(steps) * kPublishedSteps;
     whole_ += whole;
     measured_ += seconds;
     std::printf("%-24s %9.1f s", name.c_str(), seconds);
-    if (steps > 0 && steps != kPublishedSteps) {
+    if (steps > 0 && steps != kPublishedSteps && !settings_.whole) {
       std::printf(" for %lld steps, %.1f min for %lld", static_cast<long long>(steps), whole / 60.0,
                   static_cast<long long>(kPublishedSteps));
     }
@@ -58,8 +65,9 @@ class Parts {
     row(name, whole);
   }
   void finish() {
-    std::printf("%-24s %9.1f min%s; measured %.1f min; peak %.2f GB = %.2f GiB%s\n", "25 + 25 guided steps",
-                whole_ / 60.0, settings_.steps == kPublishedSteps ? "" : " at these rates", measured_ / 60.0,
+    std::printf("%-24s %9.1f min%s; measured %.1f min; peak %.2f GB = %.2f GiB%s\n",
+                settings_.whole ? "whole" : "25 + 25 guided steps", whole_ / 60.0,
+                settings_.steps == kPublishedSteps || settings_.whole ? "" : " at these rates", measured_ / 60.0,
                 peak_gigabytes(), peak_gigabytes() * 1e9 / 1073741824.0,
                 settings_.low_memory ? ", one model at a time" : "");
     row("all", whole_);
@@ -194,6 +202,8 @@ class Generation {
     flow::SamplerOptions options;
     options.steps = settings_.steps;
     options.cfg_strength = strength;
+    if (settings_.adams) options.solver = flow::Solver::kAdams;
+    options.cfg_every = settings_.guidance_every;
     Progress progress(name, static_cast<std::size_t>(options.steps), "steps");
     flow::SamplingExtras extras;
     extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
@@ -215,7 +225,8 @@ int main(int argc, char** argv) {
   for (int i = 1; i < argc; ++i) {
     if (settings.read(argv[i])) continue;
     std::fprintf(stderr,
-                 "usage: benchmark_generation [--fp32] [--low-memory] [--steps=N] [--voxels=PLY --skeleton-voxels=PLY] "
+                 "usage: benchmark_generation [--fp32|--int8] [--low-memory] [--steps=N [--whole] [--adams] "
+                 "[--guidance-every=N]] [--voxels=PLY --skeleton-voxels=PLY] "
                  "[--blocks=N] [--threads=N] [--benchmark_out=FILE]\n");
     return 2;
   }

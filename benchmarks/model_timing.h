@@ -62,10 +62,11 @@ inline void fill_with_pattern(torch::nn::Module& model) {
   }
 }
 
-/// Steps with a large product before and after each, so that both see the same machine.
+/// Steps with a large product before and after each, in fp32 beside 8-bit weights, so that both see the same machine.
 inline Timed time_steps(int steps, torch::Dtype dtype, const std::function<void()>& step) {
   constexpr std::int64_t kProductSide = 2048;
-  const Tensor a = torch::ones({kProductSide, kProductSide}, dtype), b = torch::ones_like(a);
+  const torch::Dtype type = dtype == torch::kInt8 ? torch::kFloat32 : dtype;
+  const Tensor a = torch::ones({kProductSide, kProductSide}, type), b = torch::ones_like(a);
   Tensor c = torch::empty_like(a);
   const auto product = [&] { at::mm_out(c, a, b); };
   const double flop = 2.0 * static_cast<double>(kProductSide) * kProductSide * kProductSide;
@@ -131,6 +132,8 @@ struct FlowSettings {
     long number = 0;
     if (word == "--fp32") {
       dtypes.push_back(torch::kFloat32);
+    } else if (word == "--int8") {
+      dtypes.push_back(torch::kInt8);
     } else if (word == "--profile") {
       profile = true;
     } else if (word == "--bf16") {

@@ -1,7 +1,8 @@
 // Cost of a step of the published sparse-structure flow: 24 blocks, two streams of 4,096 tokens and width 1024,
 // 1,374 condition tokens. Seconds and FLOP/s beside the machine's own matrix products in the same type, measured in
 // between, and beside the same model as eager LibTorch code runs it.
-//   benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=24] [--steps=3] [--plain-steps=1] [--threads=N]
+//   benchmark_sparse_structure_flow [--fp32] [--bf16] [--int8] [--blocks=24] [--steps=3] [--plain-steps=1]
+//   [--threads=N]
 //                                   [--profile] [--benchmark_out=FILE]
 // Without --fp32 and --bf16 it does both. Other --benchmark_* flags are accepted and ignored.
 #include <cstdio>
@@ -50,7 +51,7 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const Tensor cond = torch::sin(torch::arange(kConditionTokens * options.cond_channels, torch::kFloat32))
                           .view({1, kConditionTokens, options.cond_channels});
   const anigen::nn::FlopCount flop = anigen::sparse_structure::forward_flops(options, 1, kConditionTokens);
-  const std::string type = dtype == torch::kFloat32 ? "fp32" : "bf16";
+  const std::string type = anigen::word_of(anigen::nn::kFlowPrecisions, dtype);
   std::printf("%s, %lld blocks, %d threads: %.3f TFLOP per forward pass, %.0f %% of them in attention\n", type.c_str(),
               static_cast<long long>(settings.blocks), at::get_num_threads(), flop.total() / 1e12,
               100.0 * flop.attention / flop.total());
@@ -60,7 +61,7 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const Timed timed = time_steps(settings.steps, dtype, step);
   report_step(kFamily, type, timed, flop.total(), list);
   if (settings.profile) print_profile(step);
-  if (settings.plain_steps == 0) return;
+  if (settings.plain_steps == 0 || dtype == torch::kInt8) return;  // the plain model needs the weights themselves
   const anigen::benchmarks::PlainSparseStructureFlow eager(model);
   const Timed other = time_steps(settings.plain_steps, dtype, [&] { plain = eager.forward(x, x_skl, t, cond); });
   report_step(kFamily, type + "_plain", other, flop.total(), list);
@@ -89,9 +90,10 @@ int main(int argc, char** argv) {
   Settings settings;
   settings.steps = 3;
   if (!read_settings(argc, argv, settings)) {
-    std::fprintf(stderr,
-                 "usage: benchmark_sparse_structure_flow [--fp32] [--bf16] [--blocks=N] [--steps=N] [--plain-steps=N] "
-                 "[--threads=N] [--profile] [--benchmark_out=FILE]\n");
+    std::fprintf(
+        stderr,
+        "usage: benchmark_sparse_structure_flow [--fp32] [--bf16] [--int8] [--blocks=N] [--steps=N] [--plain-steps=N] "
+        "[--threads=N] [--profile] [--benchmark_out=FILE]\n");
     return 2;
   }
   return run_flow_benchmark(kFamily, settings,

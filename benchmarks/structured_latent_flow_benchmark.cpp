@@ -1,7 +1,8 @@
 // Cost of a pass of the published structured-latent flow: 24 blocks, widths 1024, 512 and 512, 1,374 condition
 // tokens, on voxels of a real asset or of an ellipsoid of about as many. Seconds and FLOP/s beside the machine's own
 // matrix products in the same type, measured in between; a guided step of the sampler takes two passes.
-//   benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24] [--steps=2]
+//   benchmark_structured_latent_flow [--fp32] [--bf16] [--int8] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=24]
+//   [--steps=2]
 //                                    [--threads=N] [--profile] [--benchmark_out=FILE]
 // Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
 #include "anigen/structured_latent/flow.h"
@@ -67,7 +68,7 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
   const auto flop = anigen::structured_latent::forward_flops(
       options, anigen::structured_latent::count_voxels(*x.support, options.geometry.levels()),
       anigen::structured_latent::count_voxels(*x_skl.support, options.skeleton.levels()), kConditionTokens);
-  const std::string type = dtype == torch::kFloat32 ? "fp32" : "bf16";
+  const std::string type = anigen::word_of(anigen::nn::kFlowPrecisions, dtype);
   std::printf("%s, %lld blocks, %d threads, %lld + %lld voxels: %.3f TFLOP per pass\n", type.c_str(),
               static_cast<long long>(settings.blocks), at::get_num_threads(), static_cast<long long>(x.support->size()),
               static_cast<long long>(x_skl.support->size()), flop.total() / 1e12);
@@ -97,9 +98,10 @@ int main(int argc, char** argv) {
   Settings settings;
   settings.steps = 2;
   if (!read_settings(argc, argv, settings)) {
-    std::fprintf(stderr,
-                 "usage: benchmark_structured_latent_flow [--fp32] [--bf16] [--voxels=PLY --skeleton-voxels=PLY] "
-                 "[--blocks=N] [--steps=N] [--threads=N] [--profile] [--benchmark_out=FILE]\n");
+    std::fprintf(
+        stderr,
+        "usage: benchmark_structured_latent_flow [--fp32] [--bf16] [--int8] [--voxels=PLY --skeleton-voxels=PLY] "
+        "[--blocks=N] [--steps=N] [--threads=N] [--profile] [--benchmark_out=FILE]\n");
     return 2;
   }
   return run_flow_benchmark(kFamily, settings,

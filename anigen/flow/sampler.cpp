@@ -1,6 +1,7 @@
 #include "anigen/flow/sampler.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
@@ -24,19 +25,6 @@ bool guided_at(const SamplerOptions& options, double t) {
   return !options.cfg_interval || (options.cfg_interval->first <= t && t <= options.cfg_interval->second);
 }
 
-Streams velocity_at(const Streams& x, double t, const Velocities& velocities, const SamplerOptions& options) {
-  const auto time = static_cast<float>(kTimeScale * t);
-  Streams velocity = velocities.conditional(x, time);
-  check_streams(velocity, x, "the velocity");
-  if (!velocities.unconditional || !guided_at(options, t)) return velocity;
-  const Streams negative = velocities.unconditional(x, time);
-  check_streams(negative, x, "the unconditional velocity");
-  for (std::size_t i = 0; i < x.size(); ++i) {  // v ← (1 + s) v − s v_neg
-    velocity[i] = (1.0 + options.cfg_strength) * velocity[i] - options.cfg_strength * negative[i];
-  }
-  return velocity;
-}
-
 // x − Δt v
 Streams moved(const Streams& x, const Streams& velocity, double span) {
   Streams result;
@@ -44,16 +32,108 @@ Streams moved(const Streams& x, const Streams& velocity, double span) {
   return result;
 }
 
-/// Result of one step. @param first the velocity at x and t
-Streams step_from(const Streams& x, const Streams& first, double t, double next, const Velocities& velocities,
-                  const SamplerOptions& options) {
+// a + w (b − a)
+Streams on_line(const Streams& a, const Streams& b, double w) {
+  Streams result;
+  for (std::size_t i = 0; i < a.size(); ++i) result.push_back(a[i] + w * (b[i] - a[i]));
+  return result;
+}
+
+// Largest ‖a − b‖ / ‖b‖ of a stream.
+double relative_difference(const Streams& a, const Streams& b) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double norm = b[i].norm().item<double>(), off = (a[i] - b[i]).norm().item<double>();
+    if (off > 0.0) largest = std::max(largest, norm > 0.0 ? off / norm : std::numeric_limits<double>::infinity());
+  }
+  return largest;
+}
+
+// Velocities of the model along a sampling, with what earlier steps let it spare.
+class GuidedVelocity {
+ public:
+  GuidedVelocity(const Velocities& velocities, const SamplerOptions& options)
+      : velocities_(velocities), options_(options) {}
+
+  std::int64_t passes() const { return passes_; }
+
+  /// Velocity at the beginning of a step, predicted or asked for.
+  Streams of_step(const Streams& x, double t, bool last) {
+    if (options_.velocity_tolerance <= 0.0) return at(x, t, /*begins_step=*/true);
+    const bool two = known_.size() == 2;
+    const double w = two ? (t - known_[0].t) / (known_[1].t - known_[0].t) : 0.0;
+    if (two && !last && !predicted_last_ && error_ <= options_.velocity_tolerance) {
+      predicted_last_ = true;
+      return on_line(known_[0].velocity, known_[1].velocity, w);
+    }
+    const Streams velocity = at(x, t, /*begins_step=*/true);
+    if (two) error_ = relative_difference(on_line(known_[0].velocity, known_[1].velocity, w), velocity);
+    predicted_last_ = false;
+    known_.push_back({t, velocity});
+    if (known_.size() > 2) known_.erase(known_.begin());
+    return velocity;
+  }
+
+  /// Velocity at any time, asked for. @param begins_step counts for cfg_every; else the last difference serves
+  Streams at(const Streams& x, double t, bool begins_step = false) {
+    const auto time = static_cast<float>(kTimeScale * t);
+    Streams velocity = velocities_.conditional(x, time);
+    ++passes_;
+    check_streams(velocity, x, "the velocity");
+    if (!velocities_.unconditional || !guided_at(options_, t)) return velocity;
+    const bool asks =
+        difference_.empty() || options_.cfg_every == 1 || (begins_step && since_asked_ >= options_.cfg_every);
+    if (begins_step) since_asked_ = asks ? 1 : since_asked_ + 1;
+    if (!asks) {
+      for (std::size_t i = 0; i < x.size(); ++i) velocity[i] = velocity[i] + options_.cfg_strength * difference_[i];
+      return velocity;
+    }
+    const Streams negative = velocities_.unconditional(x, time);
+    ++passes_;
+    check_streams(negative, x, "the unconditional velocity");
+    difference_.clear();
+    for (std::size_t i = 0; i < x.size(); ++i) {  // v ← (1 + s) v − s v_neg
+      if (options_.cfg_every > 1) difference_.push_back(velocity[i] - negative[i]);
+      velocity[i] = (1.0 + options_.cfg_strength) * velocity[i] - options_.cfg_strength * negative[i];
+    }
+    return velocity;
+  }
+
+ private:
+  struct Known {
+    double t;
+    Streams velocity;
+  };
+
+  const Velocities& velocities_;
+  const SamplerOptions& options_;
+  std::int64_t passes_ = 0, since_asked_ = 0;
+  Streams difference_;        // v − v_neg of the last unconditional pass
+  std::vector<Known> known_;  // the last two that were asked for at the beginning of a step
+  double error_ = std::numeric_limits<double>::infinity();  // of predicting the last one
+  bool predicted_last_ = false;
+};
+
+// The step before, for Adams–Bashforth.
+struct EarlierStep {
+  Streams velocity;
+  double span = 0.0;
+};
+
+/// Result of one step. @param first the velocity at x and t @param before none in the first step
+Streams step_from(const Streams& x, const Streams& first, double t, double next, const EarlierStep& before,
+                  GuidedVelocity& velocities, const SamplerOptions& options) {
   const double span = t - next;               // Δt = t − t'
   if (options.solver == Solver::kMidpoint) {  // x − Δt v(x − ½ Δt v, t − ½ Δt)
-    return moved(x, velocity_at(moved(x, first, 0.5 * span), t - 0.5 * span, velocities, options), span);
+    return moved(x, velocities.at(moved(x, first, 0.5 * span), t - 0.5 * span), span);
+  }
+  if (options.solver == Solver::kAdams && !before.velocity.empty()) {
+    // v + ½ Δt / Δt₋₁ (v − v₋₁): half way along the line through both velocities
+    return moved(x, on_line(before.velocity, first, 1.0 + 0.5 * span / before.span), span);
   }
   const Streams end = moved(x, first, span);  // Euler: x_t' = x_t − Δt v(x_t, t)
-  if (options.solver == Solver::kEuler || next <= 0.0) return end;
-  const Streams second = velocity_at(end, next, velocities, options);
+  if (options.solver != Solver::kHeun || next <= 0.0) return end;
+  const Streams second = velocities.at(end, next);
   Streams mean;  // Heun: ½ (v(x_t, t) + v(x_t', t'))
   for (std::size_t i = 0; i < x.size(); ++i) mean.push_back(0.5 * (first[i] + second[i]));
   return moved(x, mean, span);
@@ -68,7 +148,8 @@ const std::vector<std::pair<std::string, Solver>>& solver_names() {
   static const std::vector<std::pair<std::string, Solver>> kNames = {// in the order of Solver
                                                                      {"euler", Solver::kEuler},
                                                                      {"midpoint", Solver::kMidpoint},
-                                                                     {"heun", Solver::kHeun}};
+                                                                     {"heun", Solver::kHeun},
+                                                                     {"adams", Solver::kAdams}};
   return kNames;
 }
 
@@ -80,7 +161,7 @@ Solver parse_solver(const std::string& word) {
   for (const auto& [name, solver] : solver_names()) {
     if (word == name) return solver;
   }
-  throw InputError("", "solver", "expected euler, midpoint or heun, found '" + word + "'");
+  throw InputError("", "solver", "expected euler, midpoint, heun or adams, found '" + word + "'");
 }
 
 void SamplerOptions::fields(ConfigFields& f) {
@@ -96,6 +177,8 @@ void SamplerOptions::fields(ConfigFields& f) {
     cfg_interval = {ends[0], ends[1]};
   }
   f("sigma_min", sigma_min);
+  if (!f.writes() || cfg_every != 1) f("cfg_every", cfg_every, {1, kMaxSteps});
+  if (!f.writes() || velocity_tolerance > 0.0) f("velocity_tolerance", velocity_tolerance, {0.0, 1.0});
 }
 
 void SamplerOptions::validate(const std::string& file, const std::string& pointer) const {
@@ -103,6 +186,8 @@ void SamplerOptions::validate(const std::string& file, const std::string& pointe
   check(steps >= 1 && steps <= kMaxSteps, "steps", "expected 1 to " + std::to_string(kMaxSteps) + " steps");
   check(rescale_t > 0.0, "rescale_t", "must be positive");
   check(sigma_min >= 0.0 && sigma_min < 1.0, "sigma_min", "must lie in [0, 1)");
+  check(cfg_every >= 1 && cfg_every <= kMaxSteps, "cfg_every", "expected 1 to " + std::to_string(kMaxSteps) + " steps");
+  check(velocity_tolerance >= 0.0 && velocity_tolerance <= 1.0, "velocity_tolerance", "must lie in [0, 1]");
   check(!cfg_interval || cfg_interval->first <= cfg_interval->second, "cfg_interval", "the lower end comes first");
 }
 
@@ -130,22 +215,26 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
   const std::vector<double> times = time_grid(options);
   Sampled result;
   Streams x = noise;
+  GuidedVelocity guided(velocities, options);
+  EarlierStep before;
   for (std::size_t step = 0; step + 1 < times.size(); ++step) {
     const double t = times[step], next = times[step + 1];
     if (velocities.step_begins) velocities.step_begins(static_cast<std::int64_t>(step));
-    const Streams velocity = velocity_at(x, t, velocities, options);
+    const Streams velocity = guided.of_step(x, t, /*last=*/step + 2 == times.size());
     if (extras.trajectory) {
       Streams x_0;
       for (std::size_t i = 0; i < x.size(); ++i)
         x_0.push_back(x0_from_velocity(x[i], velocity[i], t, options.sigma_min));
       result.x_0.push_back(x_0);
     }
-    x = step_from(x, velocity, t, next, velocities, options);
+    x = step_from(x, velocity, t, next, before, guided, options);
+    before = {velocity, t - next};
     if (extras.inpainting != nullptr) keep_known(x, next, *extras.inpainting, options.sigma_min);
     if (extras.trajectory) result.x_t.push_back(x);
     if (extras.progress) extras.progress(static_cast<std::int64_t>(step) + 1, options.steps);
   }
   result.samples = x;
+  result.passes = guided.passes();
   return result;
 }
 

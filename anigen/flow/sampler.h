@@ -29,16 +29,18 @@ struct Velocities {
   std::size_t conditions = 2;  ///< that models are asked with in turn, the negative one too (nn::ConditionCache)
 };
 
-/// Integration rule of a step from t to t'. The published sampler is Euler's; the other two ask for the velocity twice
-/// per step, and their error falls with the square of the step instead of with the step.
+/// Integration rule of a step from t to t'. The published sampler is Euler's; the error of the other three falls with
+/// the square of the step instead of with the step. Midpoint and Heun ask for the velocity twice per step.
 enum class Solver {
   kEuler,     ///< along the velocity at t
   kMidpoint,  ///< along the velocity half way, where Euler's half step leads
   kHeun,      ///< along the mean of the velocities at t and where Euler's step leads; the last step, to t = 0, is
               ///< Euler's: models that predict the data have no velocity there (Karras et al. 2022, algorithm 1)
+  kAdams,     ///< along the velocity at t and its change since the step before, whose velocity is kept: two-step
+              ///< Adams–Bashforth; the first step is Euler's
 };
 
-/// Names in configs and on command lines: euler, midpoint, heun. @throws InputError for another word
+/// Names in configs and on command lines: euler, midpoint, heun, adams. @throws InputError for another word
 Solver parse_solver(const std::string& word);
 const std::string& word_of(Solver solver);
 
@@ -52,6 +54,13 @@ struct SamplerOptions : JsonOptions<SamplerOptions> {
   /// Guidance only where low ≤ t ≤ high, after rescaling; elsewhere one conditional pass. Unset: at every step.
   std::optional<std::pair<double, double>> cfg_interval;
   double sigma_min = kSigmaMin;
+  // Ours: fewer passes through the model. Both are off by default, as published.
+  /// The unconditional pass runs in every so many guided steps; between, the difference v − v_neg that it gave is kept.
+  std::int64_t cfg_every = 1;
+  /// A step takes the velocity that the line through the last two predicts, when the last prediction was off by no more
+  /// than this share of the velocity's norm, in every stream; never two such steps in a row, and never the last one.
+  /// 0: every step asks.
+  double velocity_tolerance = 0.0;
 
   void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;
@@ -75,6 +84,7 @@ struct Sampled {
   Streams samples;           ///< the state after the last step, at t = 0
   std::vector<Streams> x_t;  ///< the state after each step, if asked for
   std::vector<Streams> x_0;  ///< the prediction of the data at each step, if asked for
+  std::int64_t passes = 0;   ///< through the model, conditional and unconditional ones
 };
 
 /// Integration from noise to data along the time grid, by default Euler's: x ← x − (t − t') v (docs/reference/flows.md,

@@ -78,6 +78,8 @@ flow::SamplerOptions SamplerOverrides::over(flow::SamplerOptions options) const 
   options.solver = solver.value_or(options.solver);
   options.cfg_strength = cfg_strength.value_or(options.cfg_strength);
   if (cfg_interval) options.cfg_interval = cfg_interval;
+  options.cfg_every = cfg_every.value_or(options.cfg_every);
+  options.velocity_tolerance = velocity_tolerance.value_or(options.velocity_tolerance);
   options.validate();
   return options;
 }
@@ -224,10 +226,6 @@ void AssetGenerator::sample_latents(const Tensor& pictures, const std::string& n
   target.shape = support_of(made.voxels.shape);
   // A flow of the shape alone has no skeleton voxels; it answers zeros wherever it is asked.
   target.skeleton = shape_alone_ ? target.shape : support_of(made.voxels.skeleton);
-  if (target.shape->size() == 0 || target.skeleton->size() == 0) {
-    throw Error(name + ": the first flow gave no " + (target.shape->size() == 0 ? "shape" : "skeleton") +
-                " voxels; another seed may");
-  }
   Stopwatch watch;
   StructuredLatentGenerator& second = latents();
   const flow::SamplerOptions sampler = options.latents.over(second.sampler());
@@ -259,6 +257,14 @@ GeneratedAsset AssetGenerator::generate(const Tensor& structure_pictures, const 
     require_same_views(structure_pictures, latent_pictures, options);
     const at::Generator generator = noise_generator(options.seed);
     sample_structure(structure_pictures, name, options, generator, made);
+    made.shape_voxels = made.voxels.shape.sum().item<std::int64_t>();
+    made.skeleton_voxels = shape_alone_ ? 0 : made.voxels.skeleton.sum().item<std::int64_t>();
+    if (made.shape_voxels == 0 || (made.skeleton_voxels == 0 && !shape_alone_)) {
+      throw Error(name + ": the first flow gave no " + (made.shape_voxels == 0 ? "shape" : "skeleton") +
+                  " voxels; another seed may");
+    }
+    if (options.voxels_found) options.voxels_found(made.voxels);
+    if (options.voxels_alone) return made;
     sample_latents(latent_pictures, name, options, generator, made);
   }
   made.shape_voxels = made.latents.geometry.support->size();

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -19,6 +20,8 @@ struct SamplerOverrides {
   std::optional<flow::Solver> solver;
   std::optional<double> cfg_strength;  ///< the extra weight: 7.5 is a guidance scale of 8.5; 0: no guidance
   std::optional<std::pair<double, double>> cfg_interval;
+  std::optional<std::int64_t> cfg_every;
+  std::optional<double> velocity_tolerance;
 
   flow::SamplerOptions over(flow::SamplerOptions options) const;
 };
@@ -36,6 +39,9 @@ struct GenerationOptions {
   std::optional<sparse_structure::VoxelPair> given_voxels;
   /// Instead of what both flows would give: a batch of one, not normalised, on voxels of their own.
   std::optional<structured_latent::PerStream<sparse::SparseTensor>> given_latents;
+  bool voxels_alone = false;  ///< generate() ends after the first flow: nothing is decoded and there are no latents
+  /// Called before the second flow begins.
+  std::function<void(const sparse_structure::VoxelPair&)> voxels_found = nullptr;
 };
 
 /// Times of one generation, seconds.
@@ -83,7 +89,7 @@ class AssetGenerator {
     std::filesystem::path structure_autoencoder, latent_autoencoder;  ///< empty: the runs that the flows' configs name
     nn::Averages averages = nn::Averages::kUsual;
     std::string device = "cpu";
-    torch::Dtype precision = torch::kFloat32;   ///< of the flows
+    torch::Dtype precision = torch::kFloat32;   ///< of the flows, one of nn::kFlowPrecisions
     bool low_memory = false;                    ///< one model at a time: each is read again for every picture
     skeleton_field::MeanShiftOptions grouping;  ///< of the votes, as grouping_of_flow()
     StructureCondition structure_condition = StructureCondition::kAsTrained;

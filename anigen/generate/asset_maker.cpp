@@ -4,15 +4,31 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/process.h"
+#include "anigen/generate/assemble.h"
 #include "anigen/generate/picture_colors.h"
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/motions/built_in.h"
+#include "anigen/render/picture.h"
+#include "anigen/sparse_structure/voxel_picture.h"
 #include "anigen/vision/dsine.h"
 
 namespace anigen::generate {
 
 namespace {
+
+constexpr int kShownSide = 512;  // pixels of the pictures of voxels and votes
+
+// Votes for joints, coloured by confidence.
+io::Image votes_picture(const skeleton_field::SkeletonField& votes) {
+  VotesCloudOptions drawn;
+  drawn.radius = 0.005F;
+  render::PictureOptions options;
+  options.width = options.height = kShownSide;
+  options.background.reset();
+  options.ambient_occlusion = options.shadows = false;
+  return render::render(votes_asset(votes, drawn), options);
+}
 
 // A skeleton that no idle clip fits gets none, which is said.
 void add_idle_clip(Asset& asset, std::vector<std::string>& notices) {
@@ -28,6 +44,7 @@ struct SeenViews {
   std::vector<torch::Tensor> first, second;  ///< [1, 3, S, S] each, by the two flows
   std::vector<io::Image> pictures, normals;  ///< the same: colours; normals where the first flow sees them
   std::vector<io::Image> parts;              ///< crops for colours
+  ObjectMask mask;                           ///< of the first one
   std::vector<std::string> notices;
 };
 
@@ -43,6 +60,7 @@ SeenViews see(const AssetGenerator& generator, ConditionPictures& pictures, cons
     seen.pictures.push_back(second.picture);
     if (normals) seen.normals.push_back(first.normals);
     seen.parts.push_back(second.part);
+    if (view == 0) seen.mask = second.mask;
     const std::string whose = views.size() > 1 ? "view " + std::to_string(view + 1) + ": " : "";
     for (const std::string& notice : first.notices) seen.notices.push_back(whose + notice);
   }
@@ -95,14 +113,28 @@ std::vector<std::map<int, PreprocessedImage>> ConditionPictures::of_views(const 
 AssetMaker::AssetMaker(const GenerateRequest& request)
     : request_(request), generator_(request.models), pictures_(request_, generator_) {}
 
-MadeAsset AssetMaker::make(const NamedPicture& picture, const std::string& name, const GenerationOptions& sampling) {
+MadeAsset AssetMaker::make(const NamedPicture& picture, const std::string& name, const GenerationOptions& sampling,
+                           const Shown& shown) {
   MadeAsset result;
   SeenViews seen = see(generator_, pictures_, picture);
   throw_if_interrupted();
-  result.generated = generator_.generate(torch::cat(seen.first), torch::cat(seen.second), name, sampling);
+  GenerationOptions options = sampling;
+  if (shown) {
+    shown("mask", picture_of(seen.mask));
+    if (!seen.normals.empty()) shown("normals", seen.normals.front());
+    options.voxels_found = [&](const sparse_structure::VoxelPair& voxels) {
+      shown("voxels", sparse_structure::voxel_picture(voxels, kShownSide));
+      if (sampling.voxels_found) sampling.voxels_found(voxels);
+    };
+  }
+  result.generated = generator_.generate(torch::cat(seen.first), torch::cat(seen.second), name, options);
   throw_if_interrupted();
   GeneratedAsset& made = result.generated;
   result.notices = std::move(seen.notices);
+  result.pictures = std::move(seen.pictures);
+  result.normals = std::move(seen.normals);
+  if (sampling.voxels_alone) return result;
+  if (shown && made.decoded.votes.joints.defined()) shown("votes", votes_picture(made.decoded.votes));
   if (request_.picture_colors && made.cameras) {
     const PaintedVertices painted = paint_from_pictures(made.decoded.asset, seen.parts, *made.cameras);
     result.notices.push_back("colours from the picture for " + std::to_string(painted.seen) +
@@ -115,8 +147,6 @@ MadeAsset AssetMaker::make(const NamedPicture& picture, const std::string& name,
   if (request_.published_axes) asset.skeleton = io::unrotated_in_file(asset.skeleton, io::ExportAxes::kPublished);
   if (request_.idle) add_idle_clip(asset, result.notices);
   result.notices.insert(result.notices.end(), result.finished.notices.begin(), result.finished.notices.end());
-  result.pictures = std::move(seen.pictures);
-  result.normals = std::move(seen.normals);
   return result;
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -29,7 +30,7 @@ class ConditionPictures {
   bool takes_maps_ = false;  // where there are some, which decides what a view shows
 };
 
-/// An asset of the images of one object, in memory.
+/// An asset of the images of one object, in memory; of GenerationOptions::voxels_alone its voxels.
 struct MadeAsset {
   GeneratedAsset generated;                  ///< as the flows and the decoder gave it
   FinishedAsset finished;                    ///< coloured, finished, in the axes of the request, with its idle clip
@@ -45,8 +46,13 @@ class AssetMaker {
   explicit AssetMaker(const GenerateRequest& request);
 
   const AssetGenerator& generator() const { return generator_; }
+  /// Shows pictures of the first image as they come: "mask", as large as the image; "normals", where the first flow
+  /// sees them; "voxels"; "votes" of a model that makes rigs.
+  using Shown = std::function<void(const std::string& name, const io::Image& picture)>;
+  /// @param shown null: nobody looks
   /// @throws InputError for an unusable picture; Error when the flows give nothing; Interrupted
-  MadeAsset make(const NamedPicture& picture, const std::string& name, const GenerationOptions& sampling);
+  MadeAsset make(const NamedPicture& picture, const std::string& name, const GenerationOptions& sampling,
+                 const Shown& shown = nullptr);
 
  private:
   GenerateRequest request_;

@@ -21,6 +21,7 @@
 #include "anigen/generate/assemble.h"
 #include "anigen/generate/asset_maker.h"
 #include "anigen/generate/latent_records.h"
+#include "anigen/generate/voxel_file.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/gltf/export.h"
@@ -40,11 +41,13 @@ namespace fs = std::filesystem;
 
 constexpr const char* kReportFile = "generation.json";
 constexpr const char* kLeases = ".leases";
-// Files of an asset: always, of GenerateRequest::obj, of GenerateRequest::intermediate.
+// Files of an asset: always, of GenerateRequest::obj, of GenerateRequest::intermediate. The first two of the last kind
+// are also what GenerationOptions::voxels_alone leaves.
 constexpr const char* kAlways[] = {"mesh.glb",    "skeleton.glb", "processed_image.png", "processed_normal.png",
                                    "preview.png", kReportFile};
 constexpr const char* kObj[] = {"mesh.obj", "mesh.rig.json"};
-constexpr const char* kIntermediate[] = {"voxels.png", "ss_latents.npz", "latents.npz", "votes.glb", "dense.glb"};
+constexpr const char* kIntermediate[] = {"voxels.npz",  "voxels.png", "ss_latents.npz",
+                                         "latents.npz", "votes.glb",  "dense.glb"};
 
 /// Yaw and pitch of estimated cameras, degrees; yaw about Z from +X: -90 looks at the front.
 Json camera_angles(const torch::Tensor& cameras) {
@@ -97,6 +100,8 @@ Json sampler_json(const SamplerOverrides& overrides) {
   if (overrides.solver) json["solver"] = flow::word_of(*overrides.solver);
   if (overrides.cfg_strength) json["cfg_strength"] = *overrides.cfg_strength;
   if (overrides.cfg_interval) json["cfg_interval"] = {overrides.cfg_interval->first, overrides.cfg_interval->second};
+  if (overrides.cfg_every) json["cfg_every"] = *overrides.cfg_every;
+  if (overrides.velocity_tolerance) json["velocity_tolerance"] = *overrides.velocity_tolerance;
   return json;
 }
 
@@ -104,7 +109,8 @@ Json sampler_json(const SamplerOverrides& overrides) {
 /// what belongs to it, every run's config and weights. Their bytes are gigabytes.
 std::string inputs_of(const GenerateRequest& request, const std::vector<fs::path>& runs, const NamedPicture& picture) {
   const MattingOptions& matting = request.pictures.matting;
-  std::vector<fs::path> files{picture.file, picture.normal_map, request.estimator_weights, matting.network};
+  std::vector<fs::path> files{
+      picture.file, picture.mask, request.voxels, picture.normal_map, request.estimator_weights, matting.network};
   for (const NamedPicture& view : picture.others) files.insert(files.end(), {view.file, view.normal_map});
   std::vector<fs::path> folders = runs;
   if (matting.is_run()) folders.push_back(matting.network);
@@ -130,15 +136,23 @@ constexpr const char* kAverages[] = {"usual", "always", "never"};
 
 class Generation {
  public:
-  explicit Generation(const GenerateRequest& request) : request_(request), maker_(request) {}
+  explicit Generation(const GenerateRequest& request)
+      : request_(request), maker_(request), sampling_(request.sampling) {
+    if (request.voxels.empty()) return;
+    const AssetGenerator& generator = maker_.generator();
+    sampling_.given_voxels =
+        voxels_of_npz(read_file(request.voxels), request.voxels.string(), generator.grid(), !generator.shape_alone());
+  }
 
   /// An asset that was made before, here or by another process, of these inputs.
   std::optional<GenerationReport> kept(const NamedPicture& picture, const std::string& name) const {
     GenerationReport report = report_of(name);
     if (request_.again || !is_there(report, generation_settings(request_, maker_.generator().runs(), picture)))
       return std::nullopt;
-    for (const char* file : kIntermediate) {
+    for (const std::string file : kIntermediate) {
       std::error_code error;
+      if (file == "ss_latents.npz" && sampling_.given_voxels) continue;
+      if (file == "votes.glb" && maker_.generator().shape_alone()) continue;
       if (request_.intermediate && !fs::is_regular_file(report.folder / file, error)) return std::nullopt;
     }
     return report;
@@ -169,6 +183,7 @@ class Generation {
       make(picture, generation_settings(request_, maker_.generator().runs(), picture), report);
     } catch (...) {
       report.failure = failure_of_item();
+      report.details = Json();
     }
     if (!report.failure.empty()) log::warn("{}: {}", name, report.failure);
     return report;
@@ -200,15 +215,38 @@ class Generation {
     fs::remove(report.folder / kReportFile, error);
     for (const char* stale : kObj) fs::remove(report.folder / stale, error);
     for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
+    if (sampling_.voxels_alone) {
+      for (const char* stale : kAlways) fs::remove(report.folder / stale, error);
+    }
     const auto started = std::chrono::steady_clock::now();
-    const MadeAsset result = maker_.make(picture, report.name, request_.sampling);
+    const MadeAsset result = maker_.make(picture, report.name, sampling_);
+    const GeneratedAsset& made = result.generated;
+    io::write_png(report.folder / "processed_image.png", side_by_side(result.pictures));
+    if (!result.normals.empty()) io::write_png(report.folder / "processed_normal.png", side_by_side(result.normals));
+    if (request_.intermediate || sampling_.voxels_alone) {
+      write_file_atomically(report.folder / "voxels.npz", npz_of_voxels(made.voxels));
+      io::write_png(report.folder / "voxels.png", sparse_structure::voxel_picture(made.voxels, 512));
+    }
+    report.details = {{"made_by", made_by()},
+                      {"settings", settings},
+                      {"notices", result.notices},
+                      {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}}};
+    if (!sampling_.voxels_alone) write_asset(result, report);
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
+    report.details["seconds"] = {{"condition", made.times.condition},
+                                 {"structure", made.times.structure},
+                                 {"latents", made.times.latents},
+                                 {"decode", made.times.decode},
+                                 {"all", seconds.count()}};
+    write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
+  }
+
+  /// Everything that the first flow alone does not give.
+  void write_asset(const MadeAsset& result, GenerationReport& report) {
     const GeneratedAsset& made = result.generated;
     const FinishedAsset& finished = result.finished;
     io::ExportOptions axes;
     if (request_.published_axes) axes.axes = io::ExportAxes::kPublished;
-    const io::Image shown = side_by_side(result.pictures);
-    io::write_png(report.folder / "processed_image.png", shown);
-    if (!result.normals.empty()) io::write_png(report.folder / "processed_normal.png", side_by_side(result.normals));
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
     if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
     io::write_gltf(report.folder / "skeleton.glb", geometry::skeleton_asset(finished.asset.skeleton), axes);
@@ -216,32 +254,22 @@ class Generation {
     if (request_.intermediate) {
       io::write_gltf(report.folder / "dense.glb", made.decoded.asset, axes);
       if (!maker_.generator().shape_alone()) write_votes(report.folder / "votes.glb", made.decoded.votes);
-      io::write_png(report.folder / "voxels.png", sparse_structure::voxel_picture(made.voxels, 512));
-      write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
-                              request_.models.structure_flow);
+      if (!sampling_.given_voxels) {
+        write_structure_latents(report.folder / "ss_latents.npz", made.structure[0][0], made.structure[1][0],
+                                request_.models.structure_flow);
+      }
       write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);
     }
-    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
-    report.details = {{"made_by", made_by()},
-                      {"settings", settings},
-                      {"notices", result.notices},
-                      {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}},
-                      {"joints", finished.asset.skeleton.size()},
-                      {"vertices", finished.asset.mesh.vertices.size()},
-                      {"faces", finished.asset.mesh.faces.size()},
-                      {"seconds",
-                       {{"condition", made.times.condition},
-                        {"structure", made.times.structure},
-                        {"latents", made.times.latents},
-                        {"decode", made.times.decode},
-                        {"all", seconds.count()}}}};
+    report.details["joints"] = finished.asset.skeleton.size();
+    report.details["vertices"] = finished.asset.mesh.vertices.size();
+    report.details["faces"] = finished.asset.mesh.faces.size();
     if (made.cameras) report.details["cameras"] = camera_angles(*made.cameras);
     if (!finished.rigid_parts.is_null()) report.details["rigid_parts"] = finished.rigid_parts;
-    write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
   }
 
   const GenerateRequest& request_;
   AssetMaker maker_;
+  GenerationOptions sampling_;
 };
 
 /// Stale files are removed, too, so all names count, whatever is asked for.
@@ -254,9 +282,9 @@ void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<Name
     for (const char* file : kIntermediate) outputs.push_back(request.output / name / file);
   }
   refuse_to_overwrite(outputs, [&] {
-    std::vector<fs::path> inputs = {request.estimator_weights, request.pictures.matting.network};
+    std::vector<fs::path> inputs = {request.estimator_weights, request.pictures.matting.network, request.voxels};
     for (const NamedPicture& picture : pictures) {
-      inputs.insert(inputs.end(), {picture.file, picture.normal_map});
+      inputs.insert(inputs.end(), {picture.file, picture.normal_map, picture.mask});
       for (const NamedPicture& view : picture.others) inputs.insert(inputs.end(), {view.file, view.normal_map});
     }
     return inputs;
@@ -286,7 +314,7 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                    {"structure_sampler", sampler_json(request.sampling.structure)},
                    {"latent_sampler", sampler_json(request.sampling.latents)},
                    {"averages", kAverages[static_cast<int>(request.models.averages)]},
-                   {"precision", request.models.precision == torch::kFloat32 ? "fp32" : "bf16"},
+                   {"precision", word_of(nn::kFlowPrecisions, request.models.precision)},
                    {"picture_colors", request.picture_colors},
                    {"idle", request.idle},
                    {"published_axes", request.published_axes},
@@ -302,6 +330,9 @@ Json generation_settings(const GenerateRequest& request, const std::vector<fs::p
                      {"texture_size", finishing.texture_size}}}};
   if (grouping.form != skeleton_field::MeanShiftForm::kOfRun)
     settings["grouping"] = grouping.form == skeleton_field::MeanShiftForm::kPaper ? "paper" : "published";
+  if (!picture.mask.empty()) settings["mask"] = fs::absolute(picture.mask).lexically_normal().string();
+  if (request.sampling.voxels_alone) settings["stop_at"] = "voxels";
+  if (!request.voxels.empty()) settings["voxels"] = fs::absolute(request.voxels).lexically_normal().string();
   if (finishing.rigid_parts) settings["finishing"]["rigid_share"] = finishing.rigid_share;
   if (!picture.others.empty()) {
     settings["view_rule"] = word_of(flow::kViewRuleWords, request.sampling.views);
@@ -322,6 +353,7 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures) {
   request.finishing.validate();
   if (!request.name.empty() && pictures.size() != 1) throw InputError("", "--asset-name", "is for one image");
+  if (!request.voxels.empty() && pictures.size() != 1) throw InputError("", "--voxels", "are those of one image");
   require_distinct_names(pictures);
   std::vector<std::string> names;
   for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);
@@ -363,14 +395,16 @@ std::string to_text(const std::vector<GenerationReport>& reports) {
       continue;
     }
     const Json& details = report.details;
-    char line[200];
-    std::snprintf(line, sizeof line, "%s/mesh.glb, %zu joints, %zu vertices, %zu faces, %s\n",
-                  report.folder.string().c_str(), details.value("joints", std::size_t{0}),
-                  details.value("vertices", std::size_t{0}), details.value("faces", std::size_t{0}),
-                  report.kept
-                      ? "was there"
-                      : (std::to_string(static_cast<int>(details["seconds"].value("all", 0.0))) + " s").c_str());
-    text += line;
+    const auto count = [](const Json& of, const char* what) {
+      return std::to_string(of.value(what, std::size_t{0})) + " " + what;
+    };
+    text += report.folder.string();
+    text += details.contains("joints") ? "/mesh.glb, " + count(details, "joints") + ", " + count(details, "vertices") +
+                                             ", " + count(details, "faces")
+                                       : "/voxels.npz, voxels: " + count(details["voxels"], "shape") + ", " +
+                                             count(details["voxels"], "skeleton");
+    text += report.kept ? ", was there\n"
+                        : ", " + std::to_string(static_cast<int>(details["seconds"].value("all", 0.0))) + " s\n";
     if (report.kept) continue;
     for (const auto& notice : details["notices"]) text += "  " + notice.get<std::string>() + "\n";
   }

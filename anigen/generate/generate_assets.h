@@ -16,6 +16,7 @@ namespace anigen::generate {
 struct GenerateRequest {
   AssetGenerator::Request models;
   GenerationOptions sampling;
+  std::filesystem::path voxels;             ///< voxels.npz of an earlier call, for one image; empty: none
   PreprocessingOptions pictures;            ///< their size is that of the models' conditions
   std::filesystem::path estimator_weights;  ///< for NormalSource::kEstimator
   FinishingOptions finishing;
@@ -23,7 +24,8 @@ struct GenerateRequest {
   bool published_axes = false;     ///< (−x, z, y) in the file, as the published exporter writes; else (x, z, −y)
   bool idle = true;                ///< mesh.glb moves: motions::idle_clip()
   bool obj = false;                ///< also mesh.obj and mesh.rig.json, see io/obj.h
-  bool intermediate = false;       ///< also what the stages gave: voxels, latents, votes, the dense mesh
+  bool intermediate = false;       ///< also what the stages gave: voxels, latents, votes, the dense mesh; see also
+                                   ///< GenerationOptions::voxels_alone
   bool again = false;              ///< also assets whose files are there
   bool accept_other_code = false;  ///< what is there counts whatever build of the program made it
   std::filesystem::path output;    ///< folder; each asset gets one of its own, of the picture's name
@@ -49,9 +51,9 @@ struct GenerationReport {
 /// Pictures to rigged GLB files, one for each or for the views of each (NamedPicture::others). For each
 /// `<output>/<name>/`: mesh.glb, which idles, skeleton.glb, processed_image.png, processed_normal.png where normals
 /// were seen, preview.png, and generation.json, written last: what made it (commit, runs, seed, options, notices,
-/// times). A picture that fails, for whatever reason, is reported and does not stop the others. Several processes
-/// called alike share the pictures by leases in <output>/.leases and all return at the end; with `again` each makes
-/// every picture.
+/// times). With GenerationOptions::voxels_alone voxels.npz and voxels.png in place of the meshes and the preview. A
+/// picture that fails, for whatever reason, is reported and does not stop the others. Several processes called alike
+/// share the pictures by leases in <output>/.leases and all return at the end; with `again` each makes every picture.
 /// @throws InputError when the models are unusable, two pictures have one name, or an asset that is there and would be
 /// kept was made by another commit (core/version.h), unless the request says `again` or `accept_other_code`; before
 /// any work, when a result would replace an input. WriteError when the disk refuses

@@ -58,6 +58,19 @@ bool has_foreground(const std::vector<std::uint8_t>& mask) {
 
 torch::Tensor batch_of(const io::Image& image) { return vision::color_tensor(image).unsqueeze(0); }
 
+/// Grey and opaque.
+io::Image grey_picture(const std::vector<std::uint8_t>& grey, int width, int height) {
+  io::Image image(width, height);
+  for (std::size_t i = 0; i < grey.size(); ++i) std::fill_n(image.rgba.data() + io::kImageChannels * i, 3, grey[i]);
+  return image;
+}
+
+std::vector<std::uint8_t> channel_of(const io::Image& image, std::size_t channel) {
+  std::vector<std::uint8_t> values(image.rgba.size() / io::kImageChannels);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = image.rgba[io::kImageChannels * i + channel];
+  return values;
+}
+
 /// The choice that "auto" stands for, for this picture.
 Background decided(Background asked, const io::Image& image, bool has_network) {
   if (asked != Background::kAuto) return asked;
@@ -116,6 +129,28 @@ io::Image estimated_normals(vision::NormalEstimator& estimator, const io::Image&
   } catch (const InputError& error) {
     throw InputError(name, error.place(), error.problem());
   }
+}
+
+/// The part of a picture that a mask marks. Of a picture with transparency the mask decides, too: what is hidden in it
+/// is seen again. @throws InputError
+io::Image cut_by_mask(const InputPicture& picture, const InputPicture& mask) {
+  check_input_picture(mask.image, mask.name);
+  const int width = mask.image.width, height = mask.image.height;
+  if (width != picture.image.width || height != picture.image.height) {
+    throw InputError(mask.name, "",
+                     "a mask of " + std::to_string(width) + " x " + std::to_string(height) +
+                         " pixels is not of the size of its picture, " + std::to_string(picture.image.width) + " x " +
+                         std::to_string(picture.image.height));
+  }
+  std::vector<std::uint8_t> alpha(mask.image.rgba.size() / io::kImageChannels);
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    const std::uint8_t* pixel = mask.image.rgba.data() + io::kImageChannels * i;
+    const int thrice = (pixel[0] + pixel[1] + pixel[2]) * pixel[3];
+    alpha[i] = 2 * thrice > 3 * 255 * 255 ? 255 : 0;
+  }
+  alpha = channel_of(reduced(grey_picture(alpha, width, height), kLongestSideForRemoval), 0);
+  if (!has_foreground(alpha)) throw InputError(mask.name, "", "marks no object: nothing in it is above half");
+  return cut_out(reduced(without_alpha(picture.image), kLongestSideForRemoval), alpha);
 }
 
 }  // namespace
@@ -255,21 +290,31 @@ ImagePreprocessor::ImagePreprocessor(const PreprocessingOptions& options,
     throw InputError("", "background", "'network' needs a matting network, a trained run or an ONNX file");
 }
 
-PreprocessedImage ImagePreprocessor::run(const NamedPicture& picture) {
-  const std::filesystem::path& normal_map = picture.normal_map;
-  const InputPicture input = picture.contents.empty() ? read_input_picture(picture.file)
-                                                      : decoded_picture(picture.contents, picture.file.string());
-  const bool reads = options_.normals == NormalSource::kFile || options_.normals == NormalSource::kAuto;
-  if (!reads || normal_map.empty()) return run(input);
-  const InputPicture map = read_input_picture(normal_map);
-  return run(input, &map);
+io::Image picture_of(const ObjectMask& mask) {
+  return io::resize_lanczos(grey_picture(mask.alpha, mask.width, mask.height), mask.picture_width, mask.picture_height,
+                            io::ResizeAlpha::kSeparate);
 }
 
-PreprocessedImage ImagePreprocessor::run(const InputPicture& picture, const InputPicture* normal_map) {
+PreprocessedImage ImagePreprocessor::run(const NamedPicture& picture) {
+  const auto read = [](const std::filesystem::path& file, const std::string& contents) {
+    return contents.empty() ? read_input_picture(file) : decoded_picture(contents, file.string());
+  };
+  const InputPicture input = read(picture.file, picture.contents);
+  std::optional<InputPicture> mask, map;
+  if (!picture.mask.empty()) mask = read(picture.mask, picture.mask_contents);
+  const bool takes_map = options_.normals == NormalSource::kFile || options_.normals == NormalSource::kAuto;
+  if (takes_map && !picture.normal_map.empty()) map = read_input_picture(picture.normal_map);
+  return run(input, map ? &*map : nullptr, mask ? &*mask : nullptr);
+}
+
+PreprocessedImage ImagePreprocessor::run(const InputPicture& picture, const InputPicture* normal_map,
+                                         const InputPicture* mask) {
   check_input_picture(picture.image, picture.name);
   PreprocessedImage result;
   if (picture.turned) result.notices.emplace_back("turned upright, as its EXIF orientation says");
-  const io::Image object = object_of(picture, result.notices);
+  const io::Image object = mask != nullptr ? cut_by_mask(picture, *mask) : object_of(picture, result.notices);
+  if (mask != nullptr) result.notices.push_back("background: removed by the mask " + mask->name);
+  result.mask = {object.width, object.height, picture.image.width, picture.image.height, channel_of(object, 3)};
   std::optional<io::Image> normals = normals_of(picture, normal_map, object, result.notices);
   result.picture = vision::inference_image(object, options_.size, picture.name);
   result.picture_tensor = batch_of(result.picture);

@@ -33,6 +33,9 @@ struct NamedPicture {
   std::filesystem::path
       normal_map;        ///< the surface normals seen in it, as normal_picture() colours them; empty: unknown
   std::string contents;  ///< the encoded image itself, where it is in memory; empty: that of the file
+  /// Of the image's size once it is upright: the object is where it is above half (ImagePreprocessor). Empty: none.
+  std::filesystem::path mask;
+  std::string mask_contents;                    ///< as `contents`
   std::vector<NamedPicture> others;             ///< further images of the same object, whose names do not matter
   NamedPicture(std::filesystem::path picture);  ///< called as the file, without its ending
   NamedPicture(std::filesystem::path picture, std::string called);
@@ -95,6 +98,16 @@ struct PreprocessingOptions {
   int estimator_side = 0;  ///< longest side that the estimator sees; 0: the whole picture, as published
 };
 
+/// Alpha of the object over the whole picture.
+struct ObjectMask {
+  int width = 0, height = 0;                  ///< at most 1024 where a background was removed
+  int picture_width = 0, picture_height = 0;  ///< upright
+  std::vector<std::uint8_t> alpha;            ///< [height · width]
+};
+
+/// Grey and opaque, as large as the picture: what NamedPicture::mask takes.
+io::Image picture_of(const ObjectMask& mask);
+
 /// Side of the largest crop that is kept for colours.
 inline constexpr int kMostPartPixels = 1024;
 
@@ -104,14 +117,16 @@ struct PreprocessedImage {
   io::Image normals;                             ///< its surface normals, cut out, cropped and resized alike
   torch::Tensor picture_tensor, normals_tensor;  ///< the same, [1, 3, S, S] fp32 in [0, 1]
   io::Image part;                                ///< the object's crop with alpha, at most kMostPartPixels on a side
-  std::vector<std::string> notices;              ///< what was done, a sentence each: turning, background, normals
+  ObjectMask mask;
+  std::vector<std::string> notices;  ///< what was done, a sentence each: turning, background, normals
 };
 
 /// Pictures as people take them → what the flow models see (docs/reference/flows.md, 5.2).
 ///
 /// A picture with transparency is used as it is; of another one the background is removed, after it has been reduced to
-/// 1024 pixels. Both pictures are cropped to io::inference_box, resized and put on black. Unlike the published pipeline
-/// it turns pictures upright by EXIF, and counts the alpha of grey and palette pictures, not of RGBA alone.
+/// 1024 pixels. A mask that comes with a picture takes the place of both: the object is where its grey, times its own
+/// alpha, is above half. Both pictures are cropped to io::inference_box, resized and put on black. Unlike the published
+/// pipeline it turns pictures upright by EXIF, and counts the alpha of grey and palette pictures, not of RGBA alone.
 class ImagePreprocessor {
  public:
   /// Loads the matting network, when there is one.
@@ -121,10 +136,12 @@ class ImagePreprocessor {
                              std::shared_ptr<vision::NormalEstimator> estimator = nullptr);
 
   /// Its own view; its map is read for NormalSource::kFile and kAuto alone.
-  /// @throws InputError for an unusable picture or normal map, or when no object is found in it
+  /// @throws InputError for an unusable picture, mask or normal map, a mask of another size than its picture's, or when
+  /// no object is found in it
   PreprocessedImage run(const NamedPicture& picture);
-  /// @param normal_map nullptr: none; NormalSource::kFile needs one
-  PreprocessedImage run(const InputPicture& picture, const InputPicture* normal_map = nullptr);
+  /// @param normal_map nullptr: none; NormalSource::kFile needs one @param mask nullptr: none
+  PreprocessedImage run(const InputPicture& picture, const InputPicture* normal_map = nullptr,
+                        const InputPicture* mask = nullptr);
   /// The whole picture without its background, or with it where the options keep it, and a sentence on what was done.
   /// Transparent black outside the object; reduced to 1024 pixels where a background was removed.
   io::Image object_of(const InputPicture& picture, std::vector<std::string>& notices);

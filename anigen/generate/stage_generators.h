@@ -84,7 +84,7 @@ struct FlowRequest {
   std::string ckpt;           ///< as nn::find_flow_model
   nn::Averages averages = nn::Averages::kUsual;
   std::string device = "cpu";
-  torch::Dtype precision = torch::kFloat32;  ///< of the flow's torso
+  torch::Dtype precision = torch::kFloat32;  ///< of the flow's torso, one of nn::kFlowPrecisions
   bool pictures = true;                      ///< the flow was trained with them; false: it must be one without
 };
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "anigen/core/kernel_form.h"
+#include "anigen/nn/int8_linear.h"
 #include "anigen/nn/kernels/activations.h"
 #include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/profile.h"
@@ -21,8 +22,15 @@ LinearImpl::LinearImpl(std::int64_t in_features, std::int64_t out_features, bool
 }
 
 Tensor LinearImpl::forward(const Tensor& x) {
-  const Tensor y = linear(x, weight, bias);
+  const Tensor y = is_quantized() ? int8_linear(x, *quantized_, bias) : linear(x, weight, bias);
   return lora_A.defined() ? y.add(torch::matmul(torch::matmul(x, lora_A), lora_B), lora_scale_) : y;
+}
+
+void LinearImpl::quantize() {
+  const Tensor wide = weight.detach().to(torch::kFloat32).contiguous();
+  quantized_ = std::make_shared<const kernels::Int8Matrix>(
+      kernels::round_to_int8(wide.data_ptr<float>(), wide.size(0), wide.size(1)));
+  weight.set_data(torch::empty({0}, weight.options()));
 }
 
 MlpImpl::MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::int64_t out_features) {
@@ -31,7 +39,7 @@ MlpImpl::MlpImpl(std::int64_t in_features, std::int64_t hidden_features, std::in
 }
 
 Tensor MlpImpl::forward(const Tensor& x) {
-  if (prefers_fused_mlp(x, first_->weight))
+  if (!first_->is_quantized() && prefers_fused_mlp(x, first_->weight))
     return fused_mlp(x, first_->weight, first_->bias, second_->weight, second_->bias);
   return second_->forward(gelu_tanh(first_->forward(x)));
 }

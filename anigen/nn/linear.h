@@ -1,7 +1,12 @@
 #pragma once
+#include <memory>
 #include <vector>
 
 #include "anigen/nn/torch.h"
+
+namespace anigen::nn::kernels {
+struct Int8Matrix;
+}
 
 namespace anigen::nn {
 
@@ -22,10 +27,16 @@ class LinearImpl : public torch::nn::Module {
   /// @param x [..., in] of the dtype of the weight @return [..., out]
   Tensor forward(const Tensor& x);
 
+  /// Rounds the weight to 8-bit integers, for good (see quantize_linears()). The parameter keeps its dtype and no
+  /// numbers.
+  void quantize();
+  bool is_quantized() const { return quantized_ != nullptr; }
+
   Tensor weight, bias, lora_A, lora_B;
 
  private:
   double lora_scale_;
+  std::shared_ptr<const kernels::Int8Matrix> quantized_;
 };
 TORCH_MODULE(Linear);
 

@@ -7,6 +7,7 @@
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/gelu_erf.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/int8_linear.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/profile.h"

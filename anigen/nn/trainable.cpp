@@ -5,6 +5,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/nn/init.h"
+#include "anigen/nn/int8_linear.h"
 
 namespace anigen::nn {
 
@@ -123,7 +124,9 @@ void FreezableModel::cast(const std::vector<std::string>& names, torch::Dtype dt
 void FlowModel::set_compute_dtype(torch::Dtype dtype) {
   if (dtype == torch::kHalf && !torso_weight_.is_cuda())
     throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
-  set_torso_dtype(dtype);
+  if (dtype != torch::kInt8) return set_torso_dtype(dtype);
+  const auto modules = named_modules();
+  for (const std::string& name : parts_.torso) quantize_linears(*modules[name]);
 }
 
 void FlowModel::check_conditions(const Tensor& t, const Tensor& cond, std::int64_t batch, std::int64_t channels) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/text.h"
 #include "anigen/nn/torch.h"
 
 namespace anigen::nn {
@@ -57,13 +58,18 @@ class FreezableModel : public torch::nn::Module {
   void cast(const std::vector<std::string>& names, torch::Dtype dtype);
 };
 
+/// Precisions of a flow on a CPU, by their words on command lines.
+inline const Words<torch::Dtype> kFlowPrecisions = {
+    {torch::kFloat32, "fp32"}, {torch::kBFloat16, "bf16"}, {torch::kInt8, "int8"}};
+
 /// Base of the two flow models: fp32 unless set_compute_dtype() chose another type for the torso; norms, embeddings,
 /// the first and the last layer stay in fp32.
 class FlowModel : public FreezableModel {
  public:
   /// Converts the linears and convolutions of the torso in place (docs/reference/autoencoders.md, 1.4); forward() casts
-  /// its inputs where they enter it. Call it before an optimiser takes over the parameters.
-  /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice
+  /// its inputs where they enter it. Call it before an optimiser takes over the parameters. With int8 the linears alone
+  /// get 8-bit weights, for good (nn/int8_linear.h), and compute in fp32 outside of their products.
+  /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice, and for int8 on a GPU
   void set_compute_dtype(torch::Dtype dtype);
   torch::Dtype compute_dtype() const { return dtype_of(torso_weight_); }
 

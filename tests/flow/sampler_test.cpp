@@ -81,6 +81,74 @@ TEST(FlowSampler, MidpointAsksHalfWayAndGuidesByThatTime) {
   EXPECT_EQ(guided, (std::vector<float>{750.0f, 500.0f}));
 }
 
+TEST(FlowSampler, AdamsIsOfSecondOrderWithOnePassPerStep) {
+  const Tensor noise = torch::ones({1}, torch::kFloat64);
+  for (const double rescale : {1.0, 3.0}) {  // equal steps, and steps that change
+    std::vector<double> errors;
+    for (const std::int64_t steps : {20, 40}) {
+      const Velocities flow = {[&](const Streams& x, float) { return x; }};
+      SamplerOptions options = with_steps(steps);
+      options.solver = Solver::kAdams;
+      options.rescale_t = rescale;
+      const Sampled sampled = sample_flow({noise}, flow, options);
+      EXPECT_EQ(sampled.passes, steps);
+      errors.push_back(std::abs(value(sampled.samples[0]) - std::exp(-1.0)));
+    }
+    EXPECT_GT(errors[0] / errors[1], 3.5);
+  }
+}
+
+TEST(FlowSampler, AdamsFollowsAVelocityLinearInTimeExactlyAfterItsFirstStep) {
+  // dx/dt = t: Euler's first step of h leaves h²/2, all others nothing.
+  const Velocities flow = {
+      [](const Streams& x, float time) { return Streams{torch::full_like(x[0], static_cast<double>(time) / 1000.0)}; }};
+  SamplerOptions options = with_steps(4);
+  options.solver = Solver::kAdams;
+  const double end = value(sample_flow({torch::ones({1}, torch::kFloat64)}, flow, options).samples[0]);
+  EXPECT_NEAR(end, 0.5 - 0.5 * 0.25 * 0.25, 1e-6);
+}
+
+TEST(FlowSampler, KeepsTheGuidanceOfEveryFewSteps) {
+  std::vector<float> asked;
+  const auto difference = [](float time) { return 1.0 + static_cast<double>(time) / 1000.0; };
+  const Velocities flow = {
+      [&](const Streams& x, float time) { return Streams{torch::full_like(x[0], difference(time))}; },
+      [&](const Streams& x, float time) { return asked.push_back(time), Streams{torch::zeros_like(x[0])}; }};
+  SamplerOptions options = with_steps(5);
+  options.cfg_strength = 2.0;
+  options.cfg_every = 2;
+  const Sampled sampled = sample_flow({torch::zeros({1}, torch::kFloat64)}, flow, options);
+  EXPECT_EQ(asked, (std::vector<float>{1000.0F, 600.0F, 200.0F}));
+  EXPECT_EQ(sampled.passes, 8);
+  double expected = 0.0;  // v + s d of the last difference
+  for (const auto& [t, of] : {std::pair(1.0, 1.0), {0.8, 1.0}, {0.6, 0.6}, {0.4, 0.6}, {0.2, 0.2}})
+    expected -= 0.2 * ((1.0 + t) + 2.0 * (1.0 + of));
+  EXPECT_NEAR(value(sampled.samples[0]), expected, 1e-6);
+}
+
+TEST(FlowSampler, PredictsVelocitiesWithinATolerance) {
+  // A velocity linear in time is predicted exactly: every second step from the third one on, but not the last.
+  int passes = 0;
+  const Velocities linear = {[&](const Streams& x, float time) {
+    return ++passes, Streams{torch::full_like(x[0], static_cast<double>(time) / 1000.0)};
+  }};
+  SamplerOptions options = with_steps(10);
+  const Tensor noise = torch::ones({2}, torch::kFloat64);
+  const Tensor every = sample_flow({noise}, linear, options).samples[0];
+  passes = 0;
+  options.velocity_tolerance = 1e-4;
+  const Sampled spared = sample_flow({noise}, linear, options);
+  EXPECT_TRUE(torch::allclose(spared.samples[0], every, 1e-5, 1e-6));
+  EXPECT_EQ(spared.passes, passes);
+  EXPECT_EQ(passes, 7);  // the error is known after the third: 0 1 2 · 4 · 6 · 8 9
+
+  // One that jumps is asked for at every step.
+  const Velocities jumps = {[&](const Streams& x, float time) {
+    return Streams{torch::full_like(x[0], std::sin(static_cast<double>(time)))};
+  }};
+  EXPECT_EQ(sample_flow({noise}, jumps, options).passes, 10);
+}
+
 TEST(FlowSampler, GuidanceGoldenNumbers) {
   const auto model = [](const Streams& x, float time, double condition, double k) {
     const double t = static_cast<double>(time) / 1000.0;
@@ -166,12 +234,13 @@ TEST(FlowSampler, RefusesVelocitiesOfAnotherShape) {
 
 TEST(SamplerOptions, ReadsItsConfigAndRefusesNonsense) {
   const Json json = Json::parse(
-      R"({"steps": 25, "rescale_t": 2.0, "cfg_strength": 7.5, "cfg_interval": [0.5, 1.0], "sigma_min": 1e-5})");
+      R"({"steps": 25, "rescale_t": 2.0, "cfg_strength": 7.5, "cfg_interval": [0.5, 1.0], "sigma_min": 1e-5,
+          "cfg_every": 2, "velocity_tolerance": 0.1})");
   EXPECT_EQ(SamplerOptions::from_json(json).to_json(), json);
   EXPECT_EQ(SamplerOptions::from_json(Json::parse(R"({"solver": "heun"})")).solver, Solver::kHeun);
-  for (const char* bad :
-       {R"({"steps": 0})", R"({"rescale_t": 0})", R"({"cfg_interval": [1, 0]})", R"({"cfg_interval": [0.5]})",
-        R"({"sigma_min": 1})", R"({"cfg_scale": 1})", R"({"solver": "rk4"})"}) {
+  for (const char* bad : {R"({"steps": 0})", R"({"rescale_t": 0})", R"({"cfg_interval": [1, 0]})",
+                          R"({"cfg_interval": [0.5]})", R"({"sigma_min": 1})", R"({"cfg_scale": 1})",
+                          R"({"solver": "rk4"})", R"({"cfg_every": 0})", R"({"velocity_tolerance": -0.1})"}) {
     EXPECT_THROW(SamplerOptions::from_json(Json::parse(bad)), InputError) << bad;
   }
 }

@@ -330,6 +330,31 @@ TEST_F(GenerateAssets, GivenVoxelsAndLatentsStandForWhatTheFlowsGive) {
   EXPECT_EQ(decoded.shape_voxels, moved.shape_voxels);
 }
 
+TEST_F(GenerateAssets, GoesOnFromVoxelsOfAnEarlierCall) {
+  ASSERT_EQ(one("whole").failure, "");
+  const auto request = request_;
+  request_.sampling.voxels_alone = true;
+  ASSERT_EQ(one("whole").failure, "");  // in the place of the whole asset
+  for (const char* file : {"mesh.glb", "skeleton.glb", "preview.png"}) EXPECT_FALSE(fs::exists(made("whole", file)));
+  EXPECT_TRUE(fs::is_regular_file(made("whole", "voxels.png")));
+  EXPECT_TRUE(one("whole").kept);
+
+  request_ = request;
+  EXPECT_FALSE(one("whole").kept);
+  request_.sampling.voxels_alone = true;
+  ASSERT_EQ(one("first").failure, "");
+  request_ = request;
+  request_.voxels = made("first", "voxels.npz");
+  request_.intermediate = true;
+  ASSERT_EQ(one("second").failure, "");
+  EXPECT_EQ(io::read_gltf(made("second", "mesh.glb")).asset.mesh.vertices,
+            io::read_gltf(made("whole", "mesh.glb")).asset.mesh.vertices);
+  EXPECT_EQ(read_file(made("second", "voxels.npz")), read_file(made("first", "voxels.npz")));
+  EXPECT_FALSE(fs::exists(made("second", "ss_latents.npz")));
+  EXPECT_TRUE(one("second").kept);
+  EXPECT_NE(one_failure("first").find("voxels.npz"), std::string::npos) << "would replace what it reads";
+}
+
 TEST(FinishAsset, RigidPartsComeLast) {
   const Asset boxes = test::hinged_boxes(0.01F, 0.3F);
   FinishingOptions options;

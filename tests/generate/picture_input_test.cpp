@@ -134,6 +134,56 @@ TEST(ImagePreprocessing, TensorsHoldTheBytesOfThePictures) {
   EXPECT_TRUE(mentions(found.notices, "normals: none"));
 }
 
+/// Opaque grey of one level but for the columns and rows given, which are of another.
+io::Image grey_mask(int width, int height, int left, int top, int right, int bottom, int outside, int inside) {
+  io::Image mask(width, height);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const bool in = x >= left && x <= right && y >= top && y <= bottom;
+      std::fill_n(mask.pixel(x, y), 3, static_cast<std::uint8_t>(in ? inside : outside));
+    }
+  }
+  return mask;
+}
+
+TEST(ImagePreprocessing, AMaskTakesThePlaceOfTheBackgroundsRemoval) {
+  // The picture's own transparency shows other columns than the mask does.
+  const io::Image picture = cutout(20, 20, 12, 12, 15, 15), expected = cutout(20, 20, 3, 5, 13, 8);
+  const InputPicture mask{grey_mask(20, 20, 3, 5, 13, 8, 127, 128), "mask.png", false};
+  const PreprocessedImage found = ImagePreprocessor(sized(12)).run(named(picture), nullptr, &mask);
+  expect_part(found.picture, expected, 2, 0);
+  EXPECT_TRUE(mentions(found.notices, "removed by the mask mask.png"));
+  EXPECT_EQ(picture_of(found.mask).rgba, grey_mask(20, 20, 3, 5, 13, 8, 0, 255).rgba);
+  EXPECT_EQ(picture_of(ImagePreprocessor(sized(12)).run(named(expected)).mask).rgba, picture_of(found.mask).rgba);
+
+  InputPicture brushed = mask;  // white strokes on transparent ground
+  brushed.image = cutout(20, 20, 3, 5, 13, 8);
+  for (std::size_t i = 0; i < brushed.image.rgba.size(); ++i) {
+    if (i % 4 != 3) brushed.image.rgba[i] = 255;
+  }
+  EXPECT_EQ(ImagePreprocessor(sized(12)).run(named(picture), nullptr, &brushed).picture.rgba, found.picture.rgba);
+
+  const auto refused = [&](io::Image image, const std::string& words) {
+    const InputPicture other{std::move(image), "mask.png", false};
+    expect_refused([&] { ImagePreprocessor(sized(12)).run(named(picture), nullptr, &other); }, words, "mask.png");
+  };
+  refused(grey_mask(20, 19, 3, 5, 13, 8, 0, 255), "20 x 19 pixels is not of the size of its picture, 20 x 20");
+  refused(grey_mask(20, 20, 0, 0, 19, 19, 127, 127), "marks no object");
+  refused(io::Image(20, 20, 0), "fully transparent");
+}
+
+TEST(ImagePreprocessing, AMaskIsAsLargeAsItsLargePicture) {
+  const io::Image picture(1500, 1200);
+  const InputPicture mask{grey_mask(1500, 1200, 300, 200, 899, 799, 0, 255), "mask.png", false};
+  const PreprocessedImage found = ImagePreprocessor(sized(32)).run(named(picture), nullptr, &mask);
+  EXPECT_EQ(found.mask.width, 1024);
+  const io::Image shown = picture_of(found.mask);
+  EXPECT_EQ(shown.width, 1500);
+  EXPECT_EQ(shown.height, 1200);
+  EXPECT_GT(shown.pixel(310, 210)[0], 250);
+  EXPECT_LT(shown.pixel(290, 210)[0], 5);
+}
+
 class NetworkPreprocessing : public ::testing::Test {
  protected:
   /// Without normalisation, red is the mask.

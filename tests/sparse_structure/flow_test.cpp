@@ -213,6 +213,22 @@ TEST(SparseStructureFlow, TorsoComputesInBfloat16) {
   EXPECT_THROW(model->set_compute_dtype(torch::kHalf), NotSupportedError);
 }
 
+TEST(SparseStructureFlow, EightBitWeightsOfTheTorsoStayNear) {
+  SparseStructureFlowOptions options = tiny_flow_options();
+  options.model_channels = options.model_channels_skl = 64;
+  SparseStructureFlow model = filled_flow(options);
+  const Velocity exact = run_flow(model);
+  model->set_compute_dtype(torch::kInt8);
+  const auto parameters = model->named_parameters();
+  EXPECT_EQ(parameters["blocks.0.self_attn.to_qkv.weight"].numel(), 0);
+  EXPECT_GT(parameters["input_layer.weight"].numel(), 0) << "no part of the torso";
+  EXPECT_EQ(model->compute_dtype(), torch::kFloat32);
+  const Velocity rounded = run_flow(model);
+  // Rounding leaves about a hundredth of each product, and residual connections pass the rest on.
+  EXPECT_LT(((rounded.shape - exact.shape).norm() / exact.shape.norm()).item<double>(), 0.02);
+  EXPECT_LT(((rounded.skeleton - exact.skeleton).norm() / exact.skeleton.norm()).item<double>(), 0.02);
+}
+
 TEST(SparseStructureFlow, CheckpointingChangesMemoryAndNotGradients) {
   SparseStructureFlowOptions options = tiny_flow_options();
   options.use_lora_ss = true;  // frozen blocks before the first trainable input: only LoRA asks for gradients there
