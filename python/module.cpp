@@ -5,10 +5,12 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 #include <cstring>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "anigen/anigen.h"
@@ -144,11 +146,11 @@ void add_errors(py::module_& m) {
     try {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const Interrupted& e) {
-      interrupted(e.what());
+      PyErr_SetString(interrupted.ptr(), e.what());
     } catch (const InputError& e) {
-      input(e.what());
+      PyErr_SetString(input.ptr(), e.what());
     } catch (const Error& e) {
-      error(e.what());
+      PyErr_SetString(error.ptr(), e.what());
     }
   });
 }
@@ -218,6 +220,8 @@ void add_files(py::module_& m) {
 }
 
 void add_rigging(py::module_& m) {
+  const engine::RigOptions usual;
+  const engine::AnimateOptions usual_clips;
   m.def(
       "rig",
       [](const AssetPtr& asset, const std::string& method, const std::string& skin,
@@ -240,10 +244,11 @@ void add_rigging(py::module_& m) {
         engine::Rigged rigged = unlocked([&] { return engine::rig(*asset, options, job.get()); });
         return std::make_pair(std::make_shared<Asset>(std::move(rigged.asset)), rigged.note);
       },
-      py::arg("asset"), py::kw_only(), py::arg("method") = "auto", py::arg("skin") = "",
-      py::arg("templates") = std::vector<std::string>(), py::arg("keep_skeleton") = true,
-      py::arg("learned_joints") = true, py::arg("joints") = 0, py::arg("symmetric") = false, py::arg("influences") = 4,
-      py::arg("names") = "", py::arg("height") = 0.0, py::arg("ground") = false, py::arg("progress") = py::none());
+      py::arg("asset"), py::kw_only(), py::arg("method") = usual.method, py::arg("skin") = usual.skin,
+      py::arg("templates") = usual.templates, py::arg("keep_skeleton") = usual.keep_skeleton,
+      py::arg("learned_joints") = usual.learned_joints, py::arg("joints") = usual.joints,
+      py::arg("symmetric") = usual.symmetric, py::arg("influences") = usual.influences, py::arg("names") = usual.names,
+      py::arg("height") = usual.height, py::arg("ground") = usual.ground, py::arg("progress") = py::none());
   m.def("template_words", &engine::template_words);
   m.def(
       "animate",
@@ -260,14 +265,15 @@ void add_rigging(py::module_& m) {
         animated->animations.insert(animated->animations.end(), clips.begin(), clips.end());
         return animated;
       },
-      py::arg("asset"), py::arg("motions") = std::vector<std::string>{"idle"}, py::kw_only(), py::arg("fps") = 30.0,
-      py::arg("speed") = 1.0, py::arg("travel") = false, py::arg("progress") = py::none());
+      py::arg("asset"), py::arg("motions") = usual_clips.motions, py::kw_only(), py::arg("fps") = usual_clips.fps,
+      py::arg("speed") = usual_clips.speed, py::arg("travel") = usual_clips.travel, py::arg("progress") = py::none());
   m.def("motion_words", &engine::motion_words);
   m.def(
       "motions_of", [](const AssetPtr& asset) { return engine::motions_of(*asset); }, py::arg("asset"));
 }
 
 void add_measures(py::module_& m) {
+  const engine::EvaluateOptions usual;
   m.def(
       "evaluate",
       [](const AssetPtr& predicted, const AssetPtr& truth, const std::vector<std::string>& metrics,
@@ -282,9 +288,10 @@ void add_measures(py::module_& m) {
         const auto job = job_of(progress);
         return scores_of(unlocked([&] { return engine::evaluate(*predicted, *truth, options, job.get()); }));
       },
-      py::arg("predicted"), py::arg("truth"), py::kw_only(), py::arg("metrics") = std::vector<std::string>(),
-      py::arg("protocol") = "", py::arg("normalization") = "", py::arg("registration") = true,
-      py::arg("surface_samples") = 100'000, py::arg("progress") = py::none());
+      py::arg("predicted"), py::arg("truth"), py::kw_only(), py::arg("metrics") = usual.groups,
+      py::arg("protocol") = usual.protocol, py::arg("normalization") = usual.normalization,
+      py::arg("registration") = usual.registration, py::arg("surface_samples") = usual.surface_samples,
+      py::arg("progress") = py::none());
   const auto add_distance = [&m](const char* name, double (*distance)(const JointTree&, const JointTree&)) {
     m.def(
         name,
@@ -346,28 +353,158 @@ void add_measures(py::module_& m) {
       py::arg("pitch") = engine::RenderOptions().pitch, py::arg("clip") = -1, py::arg("time") = 0.0);
 }
 
+py::array_t<std::int32_t> array_of(const std::vector<engine::VoxelIndex>& voxels) {
+  static_assert(sizeof(engine::VoxelIndex) == 3 * sizeof(std::int32_t), "voxels are packed");
+  py::array_t<std::int32_t> array({voxels.size(), std::size_t{3}});
+  if (!voxels.empty()) std::memcpy(array.mutable_data(), voxels.data(), voxels.size() * sizeof voxels[0]);
+  return array;
+}
+
+py::dict prepare_asset(const AssetPtr& asset, const std::string& cleaning, int resolution, const py::object& progress) {
+  engine::PrepareOptions options;
+  options.cleaning = cleaning;
+  options.resolution = resolution;
+  const auto job = job_of(progress);
+  engine::PreparedAsset prepared = unlocked([&] { return engine::prepare(*asset, options, job.get()); });
+  py::dict result;
+  result["scale"] = prepared.scale;
+  result["offset"] = py::array_t<double>(3, prepared.offset.data());
+  result["voxels"] = array_of(prepared.voxels);
+  result["skeleton_voxels"] = array_of(prepared.skeleton_voxels);
+  result["findings"] = prepared.findings;
+  result["usable"] = prepared.usable;
+  result["asset"] = std::make_shared<Asset>(std::move(prepared.asset));
+  return result;
+}
+
+using Paths = std::vector<std::filesystem::path>;
+
+py::dict prepare_dataset(const std::variant<std::filesystem::path, Paths>& inputs, const std::filesystem::path& output,
+                         const engine::PrepareOptions& options, const py::object& progress) {
+  const auto job = job_of(progress);
+  const Paths all = inputs.index() == 0 ? Paths{std::get<0>(inputs)} : std::get<1>(inputs);
+  const engine::PreparedDataset made = unlocked([&] { return engine::prepare(all, output, options, job.get()); });
+  py::dict result;
+  result["assets"] = made.assets;
+  result["variants"] = made.variants;
+  result["reused"] = made.reused;
+  result["train"] = made.train;
+  result["test"] = made.test;
+  result["unusable"] = made.unusable;
+  result["failed_steps"] = made.failed_steps;
+  result["bytes"] = made.bytes;
+  py::list rejected;
+  for (const engine::RejectedSource& one : made.rejected) {
+    py::dict row;
+    row["source"] = one.source;
+    row["reason"] = one.reason;
+    row["step"] = one.step;
+    rejected.append(row);
+  }
+  result["rejected"] = rejected;
+  return result;
+}
+
+void add_preparation(py::module_& m) {
+  const engine::PrepareOptions usual;
+  m.def("prepare", &prepare_asset, py::arg("asset"), py::kw_only(), py::arg("cleaning") = usual.cleaning,
+        py::arg("resolution") = usual.resolution, py::arg("progress") = py::none());
+  m.def(
+      "prepare",
+      [](const std::variant<std::filesystem::path, Paths>& inputs, const std::filesystem::path& output,
+         std::size_t creatures, std::size_t poses, const std::string& cleaning, bool keep_assets, int resolution,
+         std::size_t views, int view_size, std::size_t condition_views, int condition_view_size, bool front_cameras,
+         bool view_geometry, const std::string& features, const std::optional<std::filesystem::path>& feature_weights,
+         std::optional<double> test_fraction, std::uint64_t seed, const py::object& progress) {
+        engine::PrepareOptions options;
+        options.creatures = creatures;
+        options.poses = poses;
+        options.cleaning = cleaning;
+        options.keep_assets = keep_assets;
+        options.resolution = resolution;
+        options.views = views;
+        options.view_size = view_size;
+        options.condition_views = condition_views;
+        options.condition_view_size = condition_view_size;
+        options.front_cameras = front_cameras;
+        options.view_geometry = view_geometry;
+        options.features = features;
+        if (feature_weights) options.feature_weights = *feature_weights;
+        options.test_fraction = test_fraction;
+        options.seed = seed;
+        return prepare_dataset(inputs, output, options, progress);
+      },
+      py::arg("inputs"), py::arg("output"), py::kw_only(), py::arg("creatures") = usual.creatures,
+      py::arg("poses") = usual.poses, py::arg("cleaning") = usual.cleaning, py::arg("keep_assets") = usual.keep_assets,
+      py::arg("resolution") = usual.resolution, py::arg("views") = usual.views, py::arg("view_size") = usual.view_size,
+      py::arg("condition_views") = usual.condition_views, py::arg("condition_view_size") = usual.condition_view_size,
+      py::arg("front_cameras") = usual.front_cameras, py::arg("view_geometry") = usual.view_geometry,
+      py::arg("features") = usual.features, py::arg("feature_weights") = py::none(),
+      py::arg("test_fraction") = py::none(), py::arg("seed") = usual.seed, py::arg("progress") = py::none());
+}
+
+/// Hands pictures to a Python function as (name, PNG as bytes); what it raises ends the call.
+std::function<void(const std::string&, const std::string&)> pictures_for(const py::object& function) {
+  if (function.is_none()) return nullptr;
+  const auto shown = std::make_shared<py::object>(function);
+  return [shown](const std::string& name, const std::string& png) {
+    const py::gil_scoped_acquire lock;
+    (*shown)(name, py::bytes(png));
+  };
+}
+
+/// Bytes as they are, the contents of a file else.
+std::string contents_of(const py::object& source) {
+  if (source.is_none()) return "";
+  if (py::isinstance<py::bytes>(source)) return source.cast<std::string>();
+  return py::module_::import("pathlib").attr("Path")(source).attr("read_bytes")().cast<std::string>();
+}
+
+std::shared_ptr<engine::Generated> generate(engine::Generator& generator, const py::object& image, std::uint64_t seed,
+                                            int joints, std::optional<int> ss_steps, std::optional<int> slat_steps,
+                                            const py::object& mask, const std::string& stop_at,
+                                            const py::object& voxels, const py::object& pictures,
+                                            const py::object& progress) {
+  engine::GenerateOptions options;
+  options.seed = seed;
+  options.joints = joints;
+  options.structure_steps = ss_steps;
+  options.latent_steps = slat_steps;
+  options.mask = contents_of(mask);
+  options.stop_at = stop_at;
+  options.voxels = contents_of(voxels);
+  options.pictures = pictures_for(pictures);
+  const auto job = job_of(progress);
+  const bool in_memory = py::isinstance<py::bytes>(image);
+  const std::string bytes = in_memory ? image.cast<std::string>() : "";
+  const auto file = in_memory ? std::filesystem::path() : image.cast<std::filesystem::path>();
+  return std::make_shared<engine::Generated>(unlocked([&] {
+    return in_memory ? generator.generate_bytes(bytes, options, job.get())
+                     : generator.generate(file, options, job.get());
+  }));
+}
+
 void add_generator(py::module_& m) {
+  const engine::GeneratorOptions usual_models;
+  const engine::GenerateOptions usual;
+  using Made = std::shared_ptr<engine::Generated>;
+  py::class_<engine::Generated, Made>(m, "Generated")
+      .def_property_readonly("asset",
+                             [](const Made& made) {  // it keeps what it is a part of
+                               const bool stopped = made->asset.mesh.vertices.empty();
+                               return stopped ? nullptr : AssetPtr(made, &made->asset);
+                             })
+      .def_readonly("notices", &engine::Generated::notices)
+      .def_readonly("seconds", &engine::Generated::seconds)
+      .def_property_readonly("voxels", [](const engine::Generated& made) { return py::bytes(made.voxels); });
   py::class_<engine::Generator>(m, "Generator")
-      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = py::none(), py::arg("device") = "cpu",
-           py::arg("precision") = "fp32", py::arg("background") = "auto")
-      .def(
-          "generate",
-          [](engine::Generator& generator, const py::object& image, std::uint64_t seed, const py::object& progress) {
-            engine::GenerateOptions options;
-            options.seed = seed;
-            const auto job = job_of(progress);
-            engine::Generated made;
-            if (py::isinstance<py::bytes>(image)) {
-              const std::string bytes = image.cast<std::string>();
-              made = unlocked([&] { return generator.generate_bytes(bytes, options, job.get()); });
-            } else {
-              const auto file = image.cast<std::filesystem::path>();
-              made = unlocked([&] { return generator.generate(file, options, job.get()); });
-            }
-            return std::make_pair(std::make_shared<Asset>(std::move(made.asset)), made.notices);
-          },
-          py::arg("image"), py::kw_only(), py::arg("seed") = engine::GenerateOptions().seed,
-          py::arg("progress") = py::none());
+      .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = py::none(),
+           py::arg("device") = usual_models.device, py::arg("precision") = usual_models.precision,
+           py::arg("background") = usual_models.background)
+      .def("generate", &generate, py::arg("image"), py::kw_only(), py::arg("seed") = usual.seed,
+           py::arg("joints") = usual.joints, py::arg("ss_steps") = py::none(), py::arg("slat_steps") = py::none(),
+           py::arg("mask") = py::none(), py::arg("stop_at") = usual.stop_at, py::arg("voxels") = py::none(),
+           py::arg("pictures") = py::none(), py::arg("progress") = py::none());
 }
 
 }  // namespace
@@ -378,5 +515,6 @@ PYBIND11_MODULE(_anigen, m) {
   add_files(m);
   add_rigging(m);
   add_measures(m);
+  add_preparation(m);
   add_generator(m);
 }

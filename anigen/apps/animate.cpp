@@ -3,21 +3,27 @@
 #include <string>
 #include <vector>
 
+#include "anigen/apps/animate_arguments.h"
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/core/error.h"
 #include "anigen/core/text.h"
-#include "anigen/motions/animate_files.h"
+#include "anigen/engine/animate_request.h"
 
 namespace {
 
 using namespace anigen;
 
+/// True for a pose that no motion follows.
+bool wants_pose_alone(const CLI::App& app, const AnimateArguments& arguments) {
+  return !arguments.pose.empty() && app.count("--motion") == 0;
+}
+
 /// Options that the motions asked for leave without effect.
 void refuse_ignored(const CLI::App& app, const AnimateArguments& arguments) {
-  const std::vector<std::string>& words = arguments.request.motions;
-  if (arguments.request.options.frames > 0) refuse_given(app, {"--fps"}, "has no effect beside --frames");
-  if (words.empty() && !arguments.pose.empty())
+  const std::vector<std::string>& words = arguments.clips.motions;
+  if (arguments.clips.frames > 0) refuse_given(app, {"--fps"}, "has no effect beside --frames");
+  if (wants_pose_alone(app, arguments))
     refuse_given(app, {"--frames", "--fps", "--speed", "--travel"}, "has no effect on --pose alone");
   const bool travels = std::any_of(words.begin(), words.end(), motions::can_travel);
   if (!travels) refuse_given(app, {"--travel"}, "is of walk, run, swim, fly and slither");
@@ -31,6 +37,8 @@ void list(const AnimateArguments& arguments, const CommonOptions& common) {
 void animate(const CLI::App& app, AnimateArguments& arguments, const CommonOptions& common) {
   motions::AnimateRequest& request = arguments.request;
   if (request.out.empty()) throw InputError("", "--output", "name the file or folder to write, or ask for --list");
+  request.options = engine::motion_options(arguments.clips);
+  if (!wants_pose_alone(app, arguments)) request.motions = arguments.clips.motions;
   request.assets = arguments.asset;
   request.pictures = arguments.pictures;
   request.t_pose = !arguments.pose.empty();
@@ -52,7 +60,7 @@ void animate_from_video(const CLI::App& app, AnimateArguments& arguments, const 
     throw InputError(arguments.asset, "--asset", "a video moves one asset: name a file");
   if (arguments.background != "auto" && arguments.background != "network")
     refuse_given(app, {"--matting-network"}, "is not used by --background " + arguments.background);
-  if (app.count("--fps") > 0) arguments.video_fps = arguments.request.options.fps;
+  if (app.count("--fps") > 0) arguments.video_fps = arguments.clips.fps;
   torch_half("--video").animate_from_video(arguments, common);
 }
 
@@ -74,9 +82,9 @@ int main(int argc, char** argv) {
   program.first = "--asset";
   CLI::App& app = program.app;
   AnimateArguments arguments;
-  motions::MotionOptions& options = arguments.request.options;
+  engine::AnimateOptions& clips = arguments.clips;
   add_option(app, "--asset", arguments.asset)->required();
-  add_option(app, "--motion", arguments.request.motions,
+  add_option(app, "--motion", clips.motions,
              ", or a word: " + joined(motions::built_in_motions(), ", ", [](const auto& one) { return one.word; }) +
                  "; repeatable [idle]");
   add_option(app, "--video", arguments.video);
@@ -85,10 +93,10 @@ int main(int argc, char** argv) {
   add_option(app, "--matting-network", arguments.matting_network, "; of --video")->default_str("");
   add_option(app, "--pose", arguments.pose)->check(one_of({"T"}));
   add_option(app, "--list", arguments.list);
-  add_option(app, "--frames", options.frames)->check(whole_number(2, 10'000))->default_str("");
-  add_option(app, "--fps", options.fps)->check(number(1, 240));
-  add_option(app, "--speed", options.speed)->check(number(0.01, 100));
-  add_option(app, "--travel", options.travel);
+  add_option(app, "--frames", clips.frames)->check(whole_number(2, 10'000))->default_str("");
+  add_option(app, "--fps", clips.fps)->check(number(1, 240));
+  add_option(app, "--speed", clips.speed)->check(number(0.01, 100));
+  add_option(app, "--travel", clips.travel);
   add_option(app, "--drop-clips", arguments.drop_clips);
   add_option(app, "--turntable", arguments.pictures, "; of a --video its frames above the rig that followed them");
   add_option(app, "--output", arguments.request.out, ": a file for a file, a folder for a folder");

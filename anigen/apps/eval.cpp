@@ -3,10 +3,11 @@
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/eval_arguments.h"
 #include "anigen/core/error.h"
 #include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
-#include "anigen/eval/evaluate_command.h"
+#include "anigen/engine/evaluate_request.h"
 #include "anigen/eval/protocol.h"
 #include "anigen/eval/skin_evaluation.h"
 
@@ -61,15 +62,13 @@ eval::EvaluationRequest shapes_request(const EvalArguments& options, const Commo
   request.out = options.output;
   eval::set_prediction_axes(options.prediction_up, request);
   request.truth_axes = io::parse_axes(options.dataset_up);
-  request.settings.seed = common.seed.value_or(0);
   if (!options.lpips_weights.empty()) torch_half("--lpips-weights").add_perceptual_metric(options, common, request);
-  request.settings.alignment.icp = !options.no_icp;
   request.settings.transport = eval::parse_transport(options.transport);
-  request.settings.alignment.normalization = metrics::normalization_mode(options.normalization);
   if (options.point_to_plane) request.settings.alignment.registration.variant = metrics::IcpVariant::kPointToPlane;
-  if (!options.groups.empty()) request.settings.groups = {options.groups.begin(), options.groups.end()};
-  request.protocol = options.protocol;
-  if (!options.protocol.empty()) eval::apply(eval::evaluation_protocol(options.protocol), request.settings);
+  engine::EvaluateOptions scores = options.scores;
+  scores.seed = common.seed.value_or(scores.seed);
+  request.settings = engine::pair_settings(scores, request.settings);
+  request.protocol = scores.protocol;
   request.resume = !options.force;
   request.report = !options.no_report;
   request.pictured = options.report_images;
@@ -79,8 +78,8 @@ eval::EvaluationRequest shapes_request(const EvalArguments& options, const Commo
 void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) {
   const eval::Comparison comparison = eval::run_evaluation(shapes_request(options, common));
   std::string text = to_markdown(comparison);
-  if (!options.protocol.empty())
-    text += "\n" + protocol_markdown(comparison, eval::evaluation_protocol(options.protocol));
+  if (!options.scores.protocol.empty())
+    text += "\n" + protocol_markdown(comparison, eval::evaluation_protocol(options.scores.protocol));
   print_result(eval::to_json(comparison), text, common);
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
     require_inputs(
@@ -98,7 +97,7 @@ void evaluate_oracle(const EvalArguments& options, const CommonOptions& common) 
   if (options.dataset.empty()) throw InputError("", "--dataset", "of which dataset are the true assets?");
   if (options.guidance.size() > 1) throw InputError("", "--ss-guidance", "--oracle generates with one guidance scale");
   eval::EvaluationRequest pairs = shapes_request(options, common);
-  if (options.groups.empty()) pairs.settings.groups = {"skeleton", "transport", "skin", "surface"};
+  if (options.scores.groups.empty()) pairs.settings.groups = {"skeleton", "transport", "skin", "surface"};
   torch_half("--oracle").evaluate_oracle(options, common, pairs);
 }
 
@@ -153,21 +152,22 @@ std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options
   };
   add("--pred-up", options.prediction_up);
   add("--dataset-up", options.dataset_up);
-  add("--protocol", options.protocol);
-  add("--normalize", options.normalization);
-  add("--no-icp", options.no_icp);
-  add("--visible-surface", options.shapes.settings.visible_surface);
-  add("--merge-joints", options.shapes.settings.merge_joints)->check(number(0, 0.5));
+  add("--protocol", options.scores.protocol);
+  add("--normalize", options.scores.normalization);
+  names.emplace_back("--no-icp");
+  add_switch_off(app, "--no-icp", options.scores.registration, kShapes);
+  add("--visible-surface", options.scores.visible_surface);
+  add("--merge-joints", options.scores.merge_joints)->check(number(0, 0.5));
   add("--rotations", icp.rotations)->check(whole_number(0, 100'000));
   add("--icp-scale", icp.similarity);
   add("--icp-plane", options.point_to_plane);
   add("--icp-trim", icp.trim)->check(number(0, 1, RangeEnds::kOpenBelow));
   add("--exhaustive", icp.exhaustive);
-  add("--metrics", options.groups)->delimiter(',');
+  add("--metrics", options.scores.groups)->delimiter(',');
   add("--transport", options.transport);
   add("--sinkhorn-epsilon", options.shapes.settings.epsilon)->check(number(0, 1, RangeEnds::kOpenBelow));
   add("--category-split", options.shapes.category_splits);
-  add("--surface-samples", options.shapes.settings.surface_samples)->check(whole_number(1, 10'000'000));
+  add("--surface-samples", options.scores.surface_samples)->check(whole_number(1, 10'000'000));
   add("--image-size", options.shapes.settings.image_size)->check(whole_number(16, 4096));
   add("--lpips-weights", options.lpips_weights)->expected(1, 2);
   add("--poses", options.shapes.settings.poses)->check(whole_number(1, 10'000));
@@ -273,21 +273,22 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
         app, {"--device"},
         "is of networks, which only --ss-flow, --oracle, --skin-ae and --lpips-weights use; the rest is for the CPU");
   }
-  if (!options.protocol.empty()) {
+  if (!options.scores.protocol.empty()) {
     refuse_given(app,
                  {"--normalize", "--no-icp", "--visible-surface", "--merge-joints", "--metrics", "--rotations",
                   "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive", "--transport", "--sinkhorn-epsilon"},
-                 "is fixed by --protocol " + options.protocol);
+                 "is fixed by --protocol " + options.scores.protocol);
   }
-  if (options.no_icp) {
+  if (!options.scores.registration) {
     refuse_given(app, {"--rotations", "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive"},
                  "is of the registration that --no-icp leaves out");
   }
   const auto wants = [&](const char* metrics) {
     const std::string group = metrics;
-    if (options.groups.empty() && options.oracle) return group != "image" && group != "motion" && group != "anymate";
-    return options.groups.empty() ||
-           std::find(options.groups.begin(), options.groups.end(), metrics) != options.groups.end();
+    if (options.scores.groups.empty() && options.oracle)
+      return group != "image" && group != "motion" && group != "anymate";
+    return options.scores.groups.empty() || std::find(options.scores.groups.begin(), options.scores.groups.end(),
+                                                      metrics) != options.scores.groups.end();
   };
   if (!wants("image")) refuse_given(app, {"--image-size", "--lpips-weights"}, "--metrics leaves 'image' out");
   if (!wants("surface") && !wants("motion"))

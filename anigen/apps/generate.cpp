@@ -17,22 +17,24 @@ void add_model_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--limit", arguments.limit)->check(whole_number(0))->needs(dataset);
   add_option(app, "--output", arguments.output, ": folder; every image gets one of its name in it")->required();
   add_option(app, "--asset-name", arguments.asset_name);
-  add_option(app, "--runs", arguments.runs);
-  add_option(app, "--ss-flow", arguments.structure_flow);
-  add_option(app, "--slat-flow", arguments.latent_flow);
+  add_option(app, "--runs", arguments.models.runs);
+  add_option(app, "--ss-flow", arguments.models.structure_flow);
+  add_option(app, "--slat-flow", arguments.models.latent_flow);
   add_option(app, "--ss-dae", arguments.structure_autoencoder);
   add_option(app, "--slat-dae", arguments.latent_autoencoder);
   CLI::Option* averages = add_option(app, "--use-ema", arguments.averages);
   add_option(app, "--no-ema", arguments.no_averages)->excludes(averages);
-  add_option(app, "--precision", arguments.precision);
-  add_option(app, "--low-memory", arguments.low_memory);
+  add_option(app, "--precision", arguments.models.precision);
+  add_option(app, "--low-memory", arguments.models.low_memory);
   CLI::Option* force = add_option(app, "--force", arguments.force);
   add_option(app, "--accept-other-code", arguments.accept_other_code)->excludes(force);
 }
 
 void add_picture_options(CLI::App& app, GenerateArguments& arguments) {
-  add_option(app, "--background", arguments.background, " or network; auto: alpha, else the network, else GrabCut")
+  add_option(app, "--background", arguments.models.background,
+             " or network; auto: alpha, else the network, else GrabCut")
       ->check(one_of({"auto", "keep", "alpha", "grabcut", "network"}));
+  add_option(app, "--mask", arguments.mask)->excludes(app.get_option("--dataset"));
   CLI::Option* network = add_option(app, "--matting-network", arguments.matting.network);
   add_option(app, "--matting-mean", arguments.matting.mean)
       ->delimiter(',')
@@ -53,16 +55,21 @@ void add_picture_options(CLI::App& app, GenerateArguments& arguments) {
 }
 
 void add_sampling_options(CLI::App& app, GenerateArguments& arguments) {
-  add_option(app, "--ss-guidance", arguments.structure_guidance)->check(number(1, 1001));
-  add_option(app, "--slat-guidance", arguments.latent_guidance)->check(number(1, 1001));
-  add_option(app, "--ss-steps", arguments.structure_steps)->check(whole_number(1, 100'000));
-  add_option(app, "--slat-steps", arguments.latent_steps)->check(whole_number(1, 100'000));
+  CLI::Option* stop =
+      add_option(app, "--stop-at", arguments.sampling.stop_at, ": voxels, after stage 4")->check(one_of({"voxels"}));
+  add_option(app, "--voxels", arguments.voxels)->excludes(stop)->excludes(app.get_option("--dataset"));
+  add_option(app, "--ss-guidance", arguments.sampling.structure_guidance)->check(number(1, 1001));
+  add_option(app, "--slat-guidance", arguments.sampling.latent_guidance)->check(number(1, 1001));
+  add_option(app, "--ss-steps", arguments.sampling.structure_steps)->check(whole_number(1, 100'000));
+  add_option(app, "--slat-steps", arguments.sampling.latent_steps)->check(whole_number(1, 100'000));
   add_option(app, "--ss-interval", arguments.structure_interval)->check(number(0, 1))->expected(2);
   add_option(app, "--slat-interval", arguments.latent_interval)->check(number(0, 1))->expected(2);
   add_option(app, "--solver", arguments.solver);
+  add_option(app, "--guidance-every", arguments.guidance_every)->check(whole_number(1, 100'000));
+  add_option(app, "--velocity-tolerance", arguments.velocity_tolerance)->check(number(0, 1));
   add_option(app, "--view-rule", arguments.view_rule);
-  CLI::Option* joints =
-      add_option(app, "--joints", arguments.joints, ", for flows trained with it")->check(whole_number(0, 10'000));
+  CLI::Option* joints = add_option(app, "--joints", arguments.sampling.joints, ", for flows trained with it")
+                            ->check(whole_number(0, 10'000));
   CLI::Option* density = add_option(app, "--joint-density", arguments.joint_density)->check(number(0, 1));
   add_option(app, "--joint-level", arguments.joint_level)
       ->check(whole_number(0, 4))
@@ -91,11 +98,36 @@ void add_finishing_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--intermediate", arguments.intermediate);
 }
 
+/// Options of the stages that do not run.
+void refuse_other_stages(const CLI::App& app, const GenerateArguments& arguments) {
+  if (!arguments.voxels.empty()) {
+    refuse_given(app,
+                 {"--ss-guidance", "--ss-steps", "--ss-interval", "--ss-dae", "--condition", "--normals",
+                  "--normal-map", "--normal-weights"},
+                 "is of stage 4, which --voxels leaves out");
+  }
+  if (arguments.sampling.stop_at.empty()) return;
+  refuse_given(app,
+               {"--slat-guidance", "--slat-steps", "--slat-interval", "--joints", "--joint-density", "--joint-level"},
+               "is of stage 5; --stop-at voxels ends before it");
+  refuse_given(
+      app,
+      {"--cluster-algorithm", "--cluster-bandwidth", "--cluster-min-votes", "--reduction", "--keep-hidden",
+       "--hidden-views", "--no-filter-skin", "--no-smooth-skin", "--smooth-iterations", "--smooth-alpha",
+       "--rigid-parts", "--rigid-share", "--texture-size", "--colors", "--axes", "--still", "--obj", "--intermediate"},
+      "is of the mesh; --stop-at voxels ends before it");
+}
+
 /// Options that the others leave without effect.
 void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
-  if (arguments.background != "auto" && arguments.background != "network") {
+  refuse_other_stages(app, arguments);
+  if (!arguments.mask.empty()) {
+    refuse_given(app, {"--background", "--matting-network", "--matting-mean", "--matting-deviation"},
+                 "is not used: --mask says where the object is");
+  }
+  if (arguments.models.background != "auto" && arguments.models.background != "network") {
     refuse_given(app, {"--matting-network", "--matting-mean", "--matting-deviation"},
-                 "is not used by --background " + arguments.background);
+                 "is not used by --background " + arguments.models.background);
   }
   if (arguments.matting.is_run()) {
     refuse_given(app, {"--matting-mean", "--matting-deviation"},
@@ -109,8 +141,12 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
   if (arguments.normals != "estimator") refuse_given(app, {"--normal-weights"}, "are of --normals estimator");
   if (app.get_option("--ss-flow")->count() > 0 && app.get_option("--slat-flow")->count() > 0)
     refuse_given(app, {"--runs"}, "has nothing to add: --ss-flow and --slat-flow name both runs");
-  if (arguments.structure_guidance == 1.0) refuse_given(app, {"--ss-interval"}, "--ss-guidance 1 guides at no time");
-  if (arguments.latent_guidance == 1.0) refuse_given(app, {"--slat-interval"}, "--slat-guidance 1 guides at no time");
+  if (arguments.sampling.structure_guidance == 1.0)
+    refuse_given(app, {"--ss-interval"}, "--ss-guidance 1 guides at no time");
+  if (arguments.sampling.latent_guidance == 1.0)
+    refuse_given(app, {"--slat-interval"}, "--slat-guidance 1 guides at no time");
+  if (arguments.sampling.structure_guidance == 1.0 && arguments.sampling.latent_guidance == 1.0)
+    refuse_given(app, {"--guidance-every"}, "--ss-guidance 1 and --slat-guidance 1 guide at no time");
   if (arguments.keep_hidden) refuse_given(app, {"--hidden-views"}, "--keep-hidden looks for no hidden faces");
   if (arguments.no_smoothing)
     refuse_given(app, {"--smooth-iterations", "--smooth-alpha"}, "--no-smooth-skin leaves the weights as they are");

@@ -1,10 +1,11 @@
 #pragma once
-#include <cstdint>
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "anigen/engine/generator.h"
 #include "anigen/generate/finishing.h"
 #include "anigen/generate/preprocess.h"
 #include "anigen/skeleton_field/voting.h"
@@ -13,26 +14,28 @@ namespace anigen {
 
 /// The command line of anigen-generate; what is unset is as the configs of the flows say.
 struct GenerateArguments {
-  // Images and models.
-  std::string dataset, runs, asset_name;
+  engine::GeneratorOptions models;
+  engine::GenerateOptions sampling;  ///< without contents of mask and voxels
+  // Images and further models.
+  std::string dataset, asset_name;
   std::vector<std::filesystem::path> images;
   std::vector<std::filesystem::path> splits;
-  std::filesystem::path structure_flow, latent_flow, structure_autoencoder, latent_autoencoder, output;
+  std::filesystem::path structure_autoencoder, latent_autoencoder, output;
   std::size_t limit = 0, image_views = 1;
   bool one_object = false;  ///< all images show it
-  std::string precision = "fp32";
-  bool averages = false, no_averages = false, low_memory = false, force = false, accept_other_code = false;
+  bool averages = false, no_averages = false, force = false, accept_other_code = false;
   // Conditions.
-  std::string background = "auto", normals = "auto", structure_condition = "trained";
+  std::filesystem::path mask;
+  std::string normals = "auto", structure_condition = "trained";
   std::filesystem::path normal_map, estimator_weights;
   generate::MattingOptions matting;
-  // Sampling.
+  // Further options of sampling.
+  std::filesystem::path voxels;  ///< of an earlier call
   std::string solver, view_rule = "average";
   std::vector<double> structure_interval, latent_interval;
-  std::optional<double> structure_guidance, latent_guidance, joint_density;  ///< guidance: the scale, 1: none
-  std::optional<std::int64_t> structure_steps, latent_steps;
+  std::optional<double> joint_density, velocity_tolerance;
+  std::optional<std::int64_t> guidance_every;
   std::optional<int> joint_level;
-  std::int64_t joints = 0;
   skeleton_field::MeanShiftOptions clustering;
   // Finishing and files.
   generate::FinishingOptions finishing;

@@ -10,8 +10,8 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
+#include "anigen/engine/prepare_request.h"
 #include "anigen/io/rigs/rig_listing.h"
-#include "anigen/prepare/dataset.h"
 #include "anigen/prepare/export_shard.h"
 #include "anigen/prepare/workers.h"
 
@@ -23,31 +23,30 @@ prepare::FeatureExtractorFactory feature_factory() {
   return [](const prepare::FeatureOptions& options) { return torch_half("--features").feature_extractor(options); };
 }
 
-/// Arguments of the command line, before they become prepare::PrepareOptions.
+/// Arguments of the command line, before they become a request.
 struct Arguments {
-  prepare::PrepareOptions options;
+  engine::PrepareOptions dataset;
+  prepare::PrepareOptions request;  ///< what the library has no option for
   std::vector<std::string> inputs, cleaning_changes;
-  std::string cleaning = "none", near_skeletons, split_by = "asset", shard, test_split;
-  std::size_t procedural = 0, memory_mb = 0;
-  std::string condition_cameras = "around";
-  std::size_t stream = 0, shards = 4, stop_after = 0;
+  std::string near_skeletons, split_by = "asset", shard, test_split, condition_cameras = "around";
+  std::size_t memory_mb = 0, stream = 0, shards = 4, stop_after = 0;
   std::string encode_ss, encode_slat;
-  bool skip_assets = false, random_poses = false, view_geometry = false, strict = false;
+  bool random_poses = false, strict = false;
 };
 
 void add_source_options(CLI::App& app, Arguments& a) {
-  add_option(app, "--output", a.options.out, ": folder of the dataset");
+  add_option(app, "--output", a.request.out, ": folder of the dataset");
   add_option(app, "--input", a.inputs);
-  add_option(app, "--procedural", a.procedural)->check(whole_number(0, 10'000'000));
+  add_option(app, "--procedural", a.dataset.creatures)->check(whole_number(0, 10'000'000));
   add_option(app, "--stream", a.stream)->check(whole_number(1, 1'000'000))->default_str("");
 }
 
 void add_table_options(CLI::App& app, Arguments& a) {
-  prepare::SplitOptions& split = a.options.tables.split;
-  prepare::QualityLimits& limits = a.options.tables.limits;
-  add_option(app, "--clean", a.cleaning);
+  prepare::SplitOptions& split = a.request.tables.split;
+  prepare::QualityLimits& limits = a.request.tables.limits;
+  add_option(app, "--clean", a.dataset.cleaning);
   add_option(app, "--clean-set", a.cleaning_changes);
-  CLI::Option* fraction = add_option(app, "--test-fraction", split.test_fraction)->check(number(0, 1));
+  CLI::Option* fraction = add_option(app, "--test-fraction", a.dataset.test_fraction)->check(number(0, 1));
   CLI::Option* count = add_option(app, "--test-count", split.test_count)->check(whole_number(0))->excludes(fraction);
   CLI::Option* unit = add_option(app, "--split-by", a.split_by)->check(one_of({"asset", "skeleton"}));
   CLI::Option* creatures = add_option(app, "--procedural-test", split.procedural_test)->check(whole_number(0));
@@ -67,33 +66,33 @@ void add_table_options(CLI::App& app, Arguments& a) {
 }
 
 void add_step_options(CLI::App& app, Arguments& a) {
-  prepare::StepPlan& plan = a.options.plan;
+  prepare::StepPlan& plan = a.request.plan;
   add_option(app, "--only", plan.steps,
              ": of import, asset, augment, skeleton, voxels, views, cond_views, features [import, asset, skeleton, "
              "voxels, and those with a number or a model below]")
       ->delimiter(',');
-  add_option(app, "--no-assets", a.skip_assets);
-  add_option(app, "--augment", plan.variants)->check(whole_number(0, 10'000));
+  add_switch_off(app, "--no-assets", a.dataset.keep_assets);
+  add_option(app, "--augment", a.dataset.poses)->check(whole_number(0, 10'000));
   CLI::Option* random_poses = add_option(app, "--random-poses", a.random_poses);
   add_option(app, "--key-frames", plan.poses.key_frames)->excludes(random_poses);
   add_option(app, "--pose-probability", plan.poses.probability)->check(number(0, 1));
   add_option(app, "--pose-angle", plan.poses.max_angle)->check(number(0, 180));
-  add_option(app, "--voxel-resolution", plan.resolution)->check(whole_number(2, 1024));
-  add_option(app, "--views", plan.views.count)->check(whole_number(0, 1000));
-  add_option(app, "--view-size", plan.views.size)->check(whole_number(8, 4096));
-  add_option(app, "--cond-views", plan.condition_views.count)->check(whole_number(0, 1000));
-  add_option(app, "--cond-view-size", plan.condition_views.size)->check(whole_number(8, 4096));
+  add_option(app, "--voxel-resolution", a.dataset.resolution)->check(whole_number(2, 1024));
+  add_option(app, "--views", a.dataset.views)->check(whole_number(0, 1000));
+  add_option(app, "--view-size", a.dataset.view_size)->check(whole_number(8, 4096));
+  add_option(app, "--cond-views", a.dataset.condition_views)->check(whole_number(0, 1000));
+  add_option(app, "--cond-view-size", a.dataset.condition_view_size)->check(whole_number(8, 4096));
   add_option(app, "--cond-cameras", a.condition_cameras);
   add_option(app, "--view-samples", plan.views.samples_per_axis)->check(whole_number(1, 16));
-  add_option(app, "--view-geometry", a.view_geometry);
-  add_option(app, "--features", plan.features.model);
-  add_option(app, "--feature-weights", plan.features.weights);
+  add_option(app, "--view-geometry", a.dataset.view_geometry);
+  add_option(app, "--features", a.dataset.features);
+  add_option(app, "--feature-weights", a.dataset.feature_weights);
   add_option(app, "--encode-ss", a.encode_ss);
   add_option(app, "--encode-slat", a.encode_slat);
 }
 
 void add_run_options(CLI::App& app, Arguments& a) {
-  prepare::RunOptions& run = a.options.run;
+  prepare::RunOptions& run = a.request.run;
   run.timeout = 1800;
   add_option(app, "--workers", run.workers, " [as many as --threads]")->check(whole_number(0, 1024))->default_str("");
   add_option(app, "--asset-timeout", run.timeout)->check(number(0, 1e9));
@@ -105,8 +104,8 @@ void add_run_options(CLI::App& app, Arguments& a) {
   add_option(app, "--strict", a.strict);
 }
 
-/// Options of what is not made, which would be ignored.
-void refuse_ignored(const CLI::App& app, const Arguments& a) {
+/// Options of what is not made, which would be ignored. @param plan of the request
+void refuse_ignored(const CLI::App& app, const Arguments& a, const prepare::StepPlan& plan) {
   if (a.stream == 0) {
     refuse_given(app, {"--shards", "--stop-after", "--encode-ss", "--encode-slat"}, "is of --stream");
   } else {
@@ -114,7 +113,6 @@ void refuse_ignored(const CLI::App& app, const Arguments& a) {
     refuse_given(app, {"--test-fraction", "--test-count", "--split-by", "--procedural-test", "--test-split"},
                  "does not go with --stream, whose creatures are all for training");
   }
-  const prepare::StepPlan& plan = a.options.plan;
   const bool condition_views = plan.wants("cond_views"), features = plan.wants("features");
   // Features of a network are made of views, which are made for them where they are not there.
   const bool views = plan.wants("views") || (features && plan.features.model != "surface");
@@ -147,53 +145,49 @@ void refuse_ignored(const CLI::App& app, const Arguments& a) {
   if (!plan.steps.empty()) refuse_given(app, {"--no-assets"}, "--only says already what is made");
 }
 
-prepare::CleaningOptions cleaning_options(const Arguments& a) {
-  Json json = prepare::cleaning_preset(a.cleaning).to_json();
-  apply_overrides(json, a.cleaning_changes);
+prepare::CleaningOptions changed(const prepare::CleaningOptions& cleaning, const std::vector<std::string>& changes) {
+  Json json = cleaning.to_json();
+  apply_overrides(json, changes);
   return prepare::CleaningOptions::from_json(json);
 }
 
-prepare::PrepareOptions complete(Arguments& a, const CommonOptions& common) {
-  using namespace anigen::prepare;
-  PrepareOptions options = a.options;
-  options.plan.keep_assets = !a.skip_assets;
-  options.plan.seed = options.tables.split.seed = common.seed.value_or(0);
-  options.plan.features.device = common.device;
-  options.plan.poses.own_motion = !a.random_poses;
-  options.plan.cleaning = cleaning_options(a);
-  options.plan.condition_views.samples_per_axis = options.plan.views.samples_per_axis;
-  options.plan.condition_views.front = a.condition_cameras == "front";
-  options.plan.views.geometry = options.plan.condition_views.geometry = a.view_geometry;
-  options.tables.split.by_skeleton = a.split_by == "skeleton";
-  options.tables.near_skeletons =
-      a.near_skeletons.empty() ? near_skeletons_of_preset(a.cleaning) : parse_near_skeletons(a.near_skeletons);
-  options.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;
-  options.run.shard = a.shard.empty() ? Shard{} : parse_shard(a.shard);
-  options.run.log_level = common.quiet ? "error" : "warn";
-  options.run.worker_command = {std::filesystem::read_symlink("/proc/self/exe").string(), "--worker"};
-  if (!a.test_split.empty()) {
-    for (const io::SplitLine& line : io::read_split(a.test_split)) options.tables.split.test_names.push_back(line.id);
-  }
-  options.plan.validate();  // before hours of listing
-  if (a.stream > 0) return options;
-  options.sources = find_assets({a.inputs.begin(), a.inputs.end()});
-  for (auto& source : procedural_sources(common.seed.value_or(0), a.procedural))
-    options.sources.push_back(std::move(source));
-  // Articulation-XL shards are read whole by every worker; on a GPU every worker keeps a model there.
-  constexpr std::size_t kHeavyWorkers = 2;
-  const bool whole_shards = std::any_of(options.sources.begin(), options.sources.end(), [](const AssetSource& source) {
-    return !source.procedural() && source.format == io::RigFormat::kArticulationXl;
-  });
-  const bool gpu_models = common.device != "cpu" && !options.plan.features.model.empty();
-  if (options.run.workers == 0 && (whole_shards || gpu_models))
-    options.run.workers = std::min<std::size_t>(kHeavyWorkers, static_cast<std::size_t>(thread_count()));
-  return options;
+/// Sets what the library has no option for. @param request as engine::dataset_request() gives it
+void complete(const Arguments& a, const CommonOptions& common, prepare::PrepareOptions& request) {
+  request.plan.features.device = common.device;
+  request.plan.poses.own_motion = !a.random_poses;
+  request.plan.cleaning = changed(request.plan.cleaning, a.cleaning_changes);
+  request.plan.condition_views.samples_per_axis = request.plan.views.samples_per_axis;
+  request.tables.split.by_skeleton = a.split_by == "skeleton";
+  if (!a.near_skeletons.empty()) request.tables.near_skeletons = prepare::parse_near_skeletons(a.near_skeletons);
+  request.run.memory_bytes = std::uint64_t{a.memory_mb} << 20;
+  request.run.shard = a.shard.empty() ? prepare::Shard{} : prepare::parse_shard(a.shard);
+  request.run.log_level = common.quiet ? "error" : "warn";
+  request.run.worker_command = {std::filesystem::read_symlink("/proc/self/exe").string(), "--worker"};
+  if (a.test_split.empty()) return;
+  for (const io::SplitLine& line : io::read_split(a.test_split)) request.tables.split.test_names.push_back(line.id);
 }
 
-prepare::StreamOptions stream_options(Arguments& a, const CommonOptions& common) {
+prepare::PrepareSummary make_dataset(const Arguments& a, const CommonOptions& common,
+                                     prepare::PrepareOptions& request) {
+  engine::add_sources({a.inputs.begin(), a.inputs.end()}, a.dataset, request);
+  // Articulation-XL shards are read whole by every worker; on a GPU every worker keeps a model there.
+  constexpr std::size_t kHeavyWorkers = 2;
+  const auto is_whole_shard = [](const prepare::AssetSource& source) {
+    return !source.procedural() && source.format == io::RigFormat::kArticulationXl;
+  };
+  const bool whole_shards = std::any_of(request.sources.begin(), request.sources.end(), is_whole_shard);
+  const bool gpu_models = common.device != "cpu" && !request.plan.features.model.empty();
+  if (request.run.workers == 0 && (whole_shards || gpu_models))
+    request.run.workers = std::min<std::size_t>(kHeavyWorkers, static_cast<std::size_t>(thread_count()));
+  return prepare::prepare_dataset(request);
+}
+
+prepare::StreamOptions stream_options(const Arguments& a, const CommonOptions& common,
+                                      const prepare::PrepareOptions& request) {
+  request.plan.validate();
   prepare::StreamOptions stream;
-  stream.shard = complete(a, common);
-  stream.seed = common.seed.value_or(0);
+  stream.shard = request;
+  stream.seed = a.dataset.seed;
   stream.creatures = a.stream;
   stream.shards = a.shards;
   stream.end = a.stop_after;
@@ -228,7 +222,6 @@ int main(int argc, char** argv) {
       "  anigen-prepare export -d data/xl --split data/xl/splits/test.txt -o mine_test.npz");
   CLI::App& app = program.app;
   Arguments arguments;
-  arguments.options.plan.condition_views.size = 1024;
   std::filesystem::path merged;
   CLI::App& merge = program.command("merge",
                                     "Checks that every asset of a dataset whose shards have finished is complete, and "
@@ -268,13 +261,17 @@ int main(int argc, char** argv) {
                           std::to_string(summary.written) + " rigs were written into " + exported.out.string() + "\n",
                           program.common);
     }
-    if (arguments.options.out.empty()) throw InputError("", "--output", "which folder shall hold the dataset?");
-    refuse_ignored(app, arguments);
+    if (arguments.request.out.empty()) throw InputError("", "--output", "which folder shall hold the dataset?");
+    arguments.dataset.seed = program.common.seed.value_or(arguments.dataset.seed);
+    arguments.dataset.front_cameras = arguments.condition_cameras == "front";
+    prepare::PrepareOptions request = engine::dataset_request(arguments.dataset, arguments.request);
+    refuse_ignored(app, arguments, request.plan);
+    complete(arguments, program.common, request);
     if (arguments.stream > 0) {
-      const std::uint64_t made = prepare::stream_dataset(stream_options(arguments, program.common));
+      const std::uint64_t made = prepare::stream_dataset(stream_options(arguments, program.common, request));
       return print_result({{"shards", made}}, std::to_string(made) + " shards were made\n", program.common);
     }
-    const prepare::PrepareSummary summary = prepare::prepare_dataset(complete(arguments, program.common));
+    const prepare::PrepareSummary summary = make_dataset(arguments, program.common, request);
     print_result(to_json(summary), to_text(summary), program.common);
     if (arguments.strict && !summary.rejected.empty())
       throw Error(std::to_string(summary.rejected.size()) + " sources were rejected, which --strict does not allow");

@@ -1,17 +1,16 @@
 #include <filesystem>
-#include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/rig_arguments.h"
 #include "anigen/core/error.h"
+#include "anigen/engine/rig_request.h"
 #include "anigen/eval/describe.h"
 #include "anigen/io/image.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/write_rigged.h"
-#include "anigen/rigging/rig_meshes.h"
 
 namespace {
 
@@ -20,29 +19,11 @@ using namespace anigen;
 /// Lets trained models do what there are models for.
 void use_models(RigArguments& options, const CommonOptions& common) {
   const bool named = !(options.joint_model + options.connectivity_model + options.skin_model).empty();
-  if (!named && options.method != kAnigen)
+  if (!named && options.rig.method != kAnigen)
     throw InputError("", "--joint-model", "name a trained model: this one, --connectivity-model or --skin-model");
-  if (!options.skin_model.empty() && !options.skin.empty())
+  if (!options.skin_model.empty() && !options.rig.skin.empty())
     throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
   options.request.learned = torch_half("trained models").learned_steps(options, common);
-}
-
-/// Joints by the flows that ship, loaded for the first mesh that asks for them.
-rigging::SureJoints sure_joints(const RigArguments& options, const CommonOptions& common) {
-#ifdef ANIGEN_WITH_TORCH
-  const auto steps = std::make_shared<std::optional<rigging::LearnedSteps>>();
-  return [&options, &common, steps](const io::RiggedShape& shape,
-                                    std::string& why_not) -> std::optional<rigging::ProposedJoints> {
-    if (!*steps) *steps = torch_half("learned joints").learned_steps(options, common);
-    if ((*steps)->sure) return (*steps)->sure(shape, why_not);
-    why_not = "there are no weights of flows";
-    return std::nullopt;
-  };
-#else
-  static_cast<void>(options);
-  static_cast<void>(common);
-  return {};
-#endif
 }
 
 /// The extension of a file says its format already. @throws InputError where --format says another
@@ -53,35 +34,35 @@ void refuse_format_of_file(const RigArguments& options) {
     throw InputError(out.string(), "--format", "the file's extension says another format than " + options.format);
 }
 
+/// Options of what no model does.
+engine::RigOptions classical_options(const RigArguments& options, bool learned) {
+  engine::RigOptions rig = options.rig;
+  const bool fields = rig.method == kAnigen;
+  if (learned) rig.method = fields ? "auto" : "geovoxel";
+  if (fields) rig.learned_joints = false;
+  if (rig.skin == kLearnedSkin) rig.skin.clear();
+  if (options.rigid_parts) rig.rigid_share = options.rigid_share;
+  return rig;
+}
+
 void rig_files(RigArguments& options, const CommonOptions& common) {
-  rigging::RigRequest& request = options.request;
-  const bool corrected = options.skin == kLearnedSkin;
-  const bool fields = options.method == kAnigen;
-  const bool learned = fields || options.method == kAnymate || options.method == kRignet;
+  const std::string& method = options.rig.method;
+  const bool learned = method == kAnigen || method == kAnymate || method == kRignet;
   if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
     throw InputError("", "--method",
                      "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
-  // Of what no model does.
-  const std::string classical = fields ? "auto" : learned ? "geovoxel" : options.method;
-  request.method = rigging::parse_rigging_method(classical, corrected ? "" : options.skin);
+  rigging::RigRequest& request = options.request;
+  request = engine::rig_request(classical_options(options, learned), request);
   if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
   if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
     throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
-  request.joints.keep_skeleton = !options.new_skeleton;
   if (!options.format.empty()) {
     request.format = options.format;
     if (std::filesystem::is_regular_file(options.mesh)) refuse_format_of_file(options);
   }
-  if (options.influences)
-    request.influences = request.binding.geodesic.most_influences = request.binding.heat.most_influences =
-        *options.influences;
-  if (options.rigid_parts) request.rigid_share = options.rigid_share;
   request.graft = !options.no_graft;
-  request.separate_bodies = !options.one_body;
   request.axes = io::parse_axes(options.mesh_up);
-  if (!options.bone_axes.empty()) request.engine.axes = rigging::parse_bone_axes(options.bone_axes);
-  if (!options.names.empty()) request.engine.names = rigging::parse_name_style(options.names);
   request.engine.humanoid = io::has_extension(request.out, {".vrm"});
   request.also_read = {options.joint_model, options.connectivity_model, options.skin_model, options.skin_run};
   if (options.preview) {
@@ -91,9 +72,8 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
     };
   }
   if (learned) use_models(options, common);
-  if (request.method.joints == rigging::JointSource::kAuto && !fields)
-    request.joints.learned = sure_joints(options, common);
-  if (corrected) request.learned.bind = torch_half("--skin learned").learned_skin(options, common).bind;
+  if (options.rig.skin == kLearnedSkin)
+    request.learned.bind = torch_half("--skin learned").learned_skin(options, common).bind;
   const rigging::RigReports reports = rigging::rig_meshes(request);
   print_result(to_json(reports), to_text(reports), common);
   require_inputs(reports.meshes, "meshes gave no rig", common);
@@ -112,20 +92,18 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
   add_option(app, "--mesh", options.mesh);
   add_option(app, "--mesh-split", request.splits);
   add_option(app, "--mesh-up", options.mesh_up);
-  add_option(app, "--skin", options.skin);
+  add_option(app, "--skin", options.rig.skin);
   add_option(app, "--skeleton", request.joints.skeleton);
-  add_option(app, "--new-skeleton", options.new_skeleton);
-  add_option(app, "--template", request.joints.templates)->check(one_of(rigging::template_words()));
-  add_option(app, "--joints", request.edits.joints)->check(whole_number(0, 1000));
-  add_option(app, "--symmetric", request.edits.symmetric);
-  add_option(app, "--add-joints", request.edits.extend);
-  add_option(app, "--one-body", options.one_body);
+  add_switch_off(app, "--new-skeleton", options.rig.keep_skeleton);
+  add_option(app, "--template", options.rig.templates)->check(one_of(rigging::template_words()));
+  add_option(app, "--joints", options.rig.joints)->check(whole_number(0, 1000));
+  add_option(app, "--symmetric", options.rig.symmetric);
+  add_option(app, "--add-joints", options.rig.add_joints);
+  add_switch_off(app, "--one-body", options.rig.separate_bodies);
   add_option(app, "--geovoxel-resolution", request.binding.geodesic.resolution)->check(whole_number(2, 512));
   add_option(app, "--falloff", request.binding.geodesic.falloff)->check(number(0, 1));
   add_option(app, "--curve-joints", request.joints.curve.most_joints)->check(whole_number(2, 10'000));
-  add_option(app, "--influences", options.influences, "; 0: any number")
-      ->check(whole_number(0, 1024))
-      ->default_str(std::to_string(request.binding.heat.most_influences));
+  add_option(app, "--influences", options.rig.influences, "; 0: any number")->check(whole_number(0, 1024));
   CLI::Option* rigid = add_option(app, "--rigid-parts", options.rigid_parts);
   add_option(app, "--rigid-share", options.rigid_share)->check(number(0.5, 1, RangeEnds::kOpenBelow))->needs(rigid);
   add_option(app, "--no-graft", options.no_graft);
@@ -134,14 +112,13 @@ void add_mesh_options(CLI::App& app, RigArguments& options) {
 }
 
 void add_engine_options(CLI::App& app, RigArguments& options) {
-  rigging::RigRequest& request = options.request;
-  add_option(app, "--bone-axes", options.bone_axes);
-  add_option(app, "--height", request.engine.height)->check(number(0, 100'000, RangeEnds::kOpenBelow))->default_str("");
-  add_option(app, "--ground", request.engine.ground);
-  add_option(app, "--root-bone", request.engine.root_bone);
-  add_option(app, "--names", options.names);
-  add_option(app, "--author", request.vrm.authors);
-  add_option(app, "--copyright", request.vrm.copyright);
+  add_option(app, "--bone-axes", options.rig.bone_axes);
+  add_option(app, "--height", options.rig.height)->check(number(0, 100'000, RangeEnds::kOpenBelow))->default_str("");
+  add_option(app, "--ground", options.rig.ground);
+  add_option(app, "--root-bone", options.rig.root_bone);
+  add_option(app, "--names", options.rig.names);
+  add_option(app, "--author", options.request.vrm.authors);
+  add_option(app, "--copyright", options.request.vrm.copyright);
 }
 
 void add_model_options(CLI::App& app, RigArguments& options) {
@@ -177,7 +154,7 @@ void add_dataset_options(CLI::App& app, RigArguments& options) {
 
 /// Options that another method would use, or that others leave without effect.
 void refuse_ignored(const CLI::App& app, const RigArguments& options) {
-  const std::string& method = options.method;
+  const std::string& method = options.rig.method;
   const std::string whose = "is not used by --method " + method;
   if (method == "retrieval") {
     refuse_given(app, {"--mesh",       "--mesh-split",   "--mesh-up",     "--skin",
@@ -203,7 +180,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                 "--background", "--condition"},
                whose + "; it is for retrieval");
   const bool is_vrm = io::has_extension(options.request.out, {".vrm"});
-  if (is_vrm && options.skin == "none")
+  if (is_vrm && options.rig.skin == "none")
     throw InputError("", "--output", "a .vrm needs weights, and --skin none writes the skeleton alone");
   if (!is_vrm) refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
   const bool fields = method == kAnigen;
@@ -224,11 +201,12 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   if (!automatic && !fields) refuse_given(app, {"--one-body"}, whose + "; it is for auto and anigen");
   if (!automatic && method != "nearest" && method != "geovoxel" && method != "heat")
     refuse_given(app, {"--add-joints"}, whose + ", which makes the skeleton itself");
-  if (options.new_skeleton) refuse_given(app, {"--add-joints"}, "adds to the skeleton that --new-skeleton leaves out");
+  if (!options.rig.keep_skeleton)
+    refuse_given(app, {"--add-joints"}, "adds to the skeleton that --new-skeleton leaves out");
   if (method == "curve" || method == "template" || fields)
     refuse_given(app, {"--skeleton"}, whose + ", which makes the skeleton itself");
-  if (options.skin != kLearnedSkin) refuse_given(app, {"--skin-run"}, "corrects weights for --skin learned alone");
-  if (options.skin == "none")
+  if (options.rig.skin != kLearnedSkin) refuse_given(app, {"--skin-run"}, "corrects weights for --skin learned alone");
+  if (options.rig.skin == "none")
     refuse_given(app, {"--no-graft", "--rigid-parts"}, "has no effect where the skeleton alone is written");
   if (!options.joint_model.empty()) refuse_given(app, {"--skeleton"}, "--joint-model finds the joints");
   if (!options.request.joints.skeleton.empty() && automatic) {
@@ -240,7 +218,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
     refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");
     return;
   }
-  std::string binding = options.skin;
+  std::string binding = options.rig.skin;
   if (binding.empty()) {
     binding = method == "nearest" || method == "template"                        ? "nearest"
               : method == "heat" || method == "pinocchio" || automatic || fields ? "heat"
@@ -277,7 +255,7 @@ int main(int argc, char** argv) {
   RigArguments options;
   std::vector<std::string> methods = rigging::rigging_method_words();
   methods.insert(methods.end(), {"retrieval", kAnigen, kAnymate, kRignet});
-  add_option(app, "--method", options.method,
+  add_option(app, "--method", options.rig.method,
              ". auto: the mesh's own joints, or else a template that fits, or else those of anigen where they are "
              "sure, or else the mesh's curve, bound by heat; "
              "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
@@ -297,6 +275,6 @@ int main(int argc, char** argv) {
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
     refuse_ignored(app, options);
-    options.method == "retrieval" ? retrieve(options, program.common) : rig_files(options, program.common);
+    options.rig.method == "retrieval" ? retrieve(options, program.common) : rig_files(options, program.common);
   });
 }

@@ -409,7 +409,9 @@ std::vector<int> likeliest_tree(const Eigen::MatrixXd& log_likelihood) {
   // Each joint pays for one edge, so what all of its edges cost more changes nothing: costs from 0 on.
   const Eigen::VectorXd best = log_likelihood.rowwise().maxCoeff();
   const Eigen::MatrixXd cost = (-log_likelihood).colwise() + best;
-  const double more_than_any_tree = 1.0 + cost.rowwise().maxCoeff().sum();
+  // Apart, since GCC 14 sees numbers without a value in the sum of an expression.
+  const Eigen::VectorXd dearest = cost.rowwise().maxCoeff();
+  const double more_than_any_tree = 1.0 + dearest.sum();
   const ParentGraph graph(joints + 1);
   ParentCosts costs(graph, 0.0);
   for (int child = 0; child < joints; ++child) {

@@ -1,20 +1,24 @@
 #include "anigen/engine/animate.h"
 
 #include "anigen/core/process.h"
+#include "anigen/engine/animate_request.h"
 #include "anigen/engine/module.h"
+#include "anigen/engine/option_names.h"
 #include "anigen/motions/animate_files.h"
 
 namespace anigen::engine {
 
+namespace {
+
+constexpr OptionName kMotionNames[] = {{"--motion", "motions"}};
+
+}  // namespace
+
 std::vector<Animation> animate(const Asset& asset, const AnimateOptions& options, Job* job) {
   quiet_log();
   const JobScope scope(job);
-  motions::MotionOptions motion;
-  motion.fps = options.fps;
-  motion.frames = options.frames;
-  motion.speed = options.speed;
-  motion.travel = options.travel;
-  return motions::clips_of(asset, options.motions, motion);
+  return with_library_words(kMotionNames,
+                            [&] { return motions::clips_of(asset, options.motions, motion_options(options)); });
 }
 
 std::vector<std::string> motion_words() {

@@ -2,9 +2,10 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/process.h"
+#include "anigen/engine/evaluate_request.h"
 #include "anigen/engine/module.h"
+#include "anigen/engine/option_names.h"
 #include "anigen/eval/pair.h"
-#include "anigen/eval/protocol.h"
 #include "anigen/lint/lint.h"
 #include "anigen/metrics/chamfer.h"
 #include "anigen/metrics/skeleton_transport.h"
@@ -17,19 +18,15 @@ io::RiggedShape shape_of(const Asset& asset, const char* whose) {
   return io::rigged_shape(asset, whose, asset.name.empty() ? whose : asset.name);
 }
 
-eval::PairSettings settings_of(const EvaluateOptions& options) {
-  eval::PairSettings settings;
-  settings.seed = options.seed;
-  settings.alignment.icp = options.registration;
-  settings.merge_joints = options.merge_joints;
-  settings.visible_surface = options.visible_surface;
-  settings.surface_samples = options.surface_samples;
-  if (!options.normalization.empty())
-    settings.alignment.normalization = metrics::normalization_mode(options.normalization);
-  if (!options.groups.empty()) settings.groups = {options.groups.begin(), options.groups.end()};
-  if (!options.protocol.empty()) eval::apply(eval::evaluation_protocol(options.protocol), settings);
-  eval::check(settings);
-  return settings;
+constexpr OptionName kScoreNames[] = {{"--protocol", "protocol"}};
+
+/// @throws InputError for an unknown word or a number out of range
+eval::PairSettings checked_settings(const EvaluateOptions& options) {
+  return with_library_words(kScoreNames, [&] {
+    eval::PairSettings settings = pair_settings(options);
+    eval::check(settings);
+    return settings;
+  });
 }
 
 }  // namespace
@@ -40,7 +37,7 @@ Scores evaluate(const Asset& predicted, const Asset& truth, const EvaluateOption
   throw_if_interrupted();
   if (job != nullptr) job->report("evaluating", 0.0);
   const eval::PairResult result =
-      eval::evaluate_pair(shape_of(predicted, "prediction"), shape_of(truth, "truth"), settings_of(options));
+      eval::evaluate_pair(shape_of(predicted, "prediction"), shape_of(truth, "truth"), checked_settings(options));
   throw_if_interrupted();
   if (job != nullptr) job->report("evaluating", 1.0);
   if (!result.failure.empty()) throw InputError("", "", result.failure);

@@ -13,10 +13,10 @@ namespace anigen::engine {
 struct EvaluateOptions {
   /// skeleton, transport, skin, surface, image, motion, anymate, soundness; empty: all but soundness.
   std::vector<std::string> groups;
-  std::string protocol;       ///< of another paper: anigen, magicarticulate, …, which fixes all below; empty: none
-  std::string normalization;  ///< centroid-rms, bounding-box, truth, truth-with-joints, none; empty: centroid-rms
-  bool registration = true;   ///< the prediction is registered to the truth by ICP
-  double merge_joints = 0.0;  ///< joints nearer than this are one, in the frame of scores; 0: none
+  std::string protocol;  ///< of another paper: anigen, magicarticulate, …, which fixes groups and frame; empty: none
+  std::string normalization = "centroid-rms";  ///< or bounding-box, truth, truth-with-joints, none
+  bool registration = true;                    ///< the prediction is registered to the truth by ICP
+  double merge_joints = 0.0;                   ///< joints nearer than this are one, in the frame of scores; 0: none
   bool visible_surface = false;
   std::size_t surface_samples = 100'000;
   std::uint64_t seed = 0;

@@ -1,11 +1,10 @@
 #include "anigen/engine/files.h"
 
-#include <stdlib.h>
-#include <system_error>
 #include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/private_folder.h"
 #include "anigen/engine/module.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/assimp_scene.h"
@@ -45,25 +44,6 @@ Asset load_shape(const fs::path& file) {
   asset.name = file.stem().string();
   return asset;
 }
-
-/// A folder that nobody else can enter and that goes away with its files.
-class PrivateFolder {
- public:
-  PrivateFolder() : path_((fs::temp_directory_path() / "anigen-XXXXXX").string()) {
-    if (::mkdtemp(path_.data()) == nullptr) throw WriteError("cannot make a folder " + path_);
-  }
-  ~PrivateFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  PrivateFolder(const PrivateFolder&) = delete;
-  PrivateFolder& operator=(const PrivateFolder&) = delete;
-
-  fs::path operator/(const std::string& name) const { return fs::path(path_) / name; }
-
- private:
-  std::string path_;
-};
 
 io::ExportOptions export_options(const Asset& asset) {
   io::ExportOptions options;

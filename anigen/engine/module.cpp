@@ -19,6 +19,16 @@ const EngineModule& engine_module(const std::string& what) {
 #endif
 }
 
+rigging::SureJoints sure_joints() {
+#ifdef ANIGEN_WITH_TORCH
+  return [](const io::RiggedShape& shape, std::string& why_not) {
+    return engine_module("learned joints").sure_joints()(shape, why_not);
+  };
+#else
+  return {};
+#endif
+}
+
 void quiet_log() {
   static std::once_flag once;
   std::call_once(once, [] {

@@ -27,7 +27,7 @@ struct RigOptions {
   double rigid_share = 0.0;  ///< shells with such a share of one joint, above 0.5, follow it alone; 0: weights stay
   // For an engine.
   std::string bone_axes;  ///< "along" or "world"; empty: as they are
-  std::string names;      ///< unity, unreal, vrm, blender, …; empty: as they are
+  std::string names;      ///< chain, vrm, mixamo, unreal, unity; empty: as they are
   double height = 0.0;    ///< metres; 0: the size stays
   bool ground = false;    ///< feet at z = 0
   bool root_bone = false;

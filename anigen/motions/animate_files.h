@@ -60,17 +60,3 @@ Json listing(const std::filesystem::path& file);
 std::string listing_text(const Json& listing);
 
 }  // namespace anigen::motions
-
-namespace anigen {
-
-/// The command line of anigen-animate.
-struct AnimateArguments {
-  std::string asset, pose, pictures;
-  std::string video, background = "auto";
-  std::filesystem::path matting_network;
-  double video_fps = 0.0;  ///< 0: the video's own
-  bool list = false, drop_clips = false;
-  motions::AnimateRequest request;
-};
-
-}  // namespace anigen

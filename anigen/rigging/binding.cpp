@@ -237,7 +237,7 @@ SkinBinding parse_skin_binding(const std::string& word) {
     if (word == known) return binding;
     words += words.empty() ? known : std::string(", ") + known;
   }
-  throw InputError("", "binding", "\"" + word + "\" is none of " + words);
+  throw InputError("", "--skin", "\"" + word + "\" is none of " + words);
 }
 
 SkinWeights bind(SkinBinding binding, const Mesh& mesh, const Skeleton& skeleton, const BindingOptions& options) {

@@ -186,31 +186,3 @@ Json to_json(const RigReports& reports);
 std::string to_text(const RigReports& reports);
 
 }  // namespace anigen::rigging
-
-namespace anigen {
-
-inline constexpr const char* kAnigen = "anigen";
-inline constexpr const char* kAnymate = "anymate";
-inline constexpr const char* kRignet = "rignet";
-inline constexpr const char* kLearnedSkin = "learned";  ///< word of --skin
-
-/// The command line of anigen-rig.
-struct RigArguments {
-  std::string method = "auto", mesh, mesh_up = "format", skin, image, background = "auto", condition = "color";
-  std::vector<std::string> image_splits;
-  std::string image_dataset, retrieval_encoder;
-  std::string format;       ///< of the files in a folder; "": glb
-  std::string joint_model;  ///< of Anymate or RigNet; of anigen a folder of both flows, empty: the shipped weights
-  std::string connectivity_model, skin_model;  ///< of Anymate or RigNet
-  std::string skin_run;                        ///< of the learned skin; empty: that of the shipped weights
-  std::int64_t points = 0;
-  double joint_distance = 0.0;
-  rigging::RigRequest request;
-  std::size_t views = 0, limit = 0;
-  std::optional<std::size_t> influences;  ///< joints per vertex; 0: any number
-  bool preview = false, new_skeleton = false, no_graft = false, one_body = false, rigid_parts = false;
-  double rigid_share = kRigidShare;
-  std::string bone_axes, names;  ///< words of request.engine; empty: not given
-};
-
-}  // namespace anigen

@@ -9,12 +9,12 @@ Long calls take `progress=function(stage, fraction)`; it cancels the call by ret
 (a ValueError that names file and place), `Error` and `Interrupted`.
 """
 
-from ._anigen import (Asset, Error, Generator, InputError, Interrupted, animate, chamfer, evaluate, from_arrays,
-                      gromov_wasserstein, lint, load, load_bytes, motion_words, motions_of, render, rig, save,
-                      save_bytes, template_words, wasserstein)
+from ._anigen import (Asset, Error, Generated, Generator, InputError, Interrupted, animate, chamfer, evaluate,
+                      from_arrays, gromov_wasserstein, lint, load, load_bytes, motion_words, motions_of, prepare, render, rig,
+                      save, save_bytes, template_words, wasserstein)
 
-__all__ = ["Asset", "Error", "Generator", "InputError", "Interrupted", "animate", "chamfer", "evaluate", "from_arrays",
-           "gromov_wasserstein", "lint", "load", "load_bytes", "motion_words", "motions_of", "render", "rig", "save",
+__all__ = ["Asset", "Error", "Generated", "Generator", "InputError", "Interrupted", "animate", "chamfer", "evaluate",
+           "from_arrays", "gromov_wasserstein", "lint", "load", "load_bytes", "motion_words", "motions_of", "prepare", "render", "rig", "save",
            "save_bytes", "template_words", "to_torch", "wasserstein"]
 
 
@@ -22,6 +22,10 @@ def to_torch(asset):
     """Arrays of an asset as tensors: {"vertices": float32 [V, 3], "faces": int32 [F, 3], "joints": float64 [J, 3],
     "parents": int32 [J], "skin": float32 [V, J]}. Vertices, faces and parents share the asset's memory.
 
-    Needs PyTorch for Python (Debian: python3-torch)."""
-    import torch
+    @raises Error: without PyTorch for Python (Debian: python3-torch)."""
+    try:
+        import torch
+    except ImportError as error:
+        raise Error("to_torch() needs PyTorch for Python, which cannot be imported (Debian: python3-torch): "
+                    f"{error}") from error
     return {name: torch.from_numpy(getattr(asset, name)) for name in ("vertices", "faces", "joints", "parents", "skin")}

@@ -1,5 +1,5 @@
 from os import PathLike
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,7 +74,7 @@ def motion_words() -> List[str]: ...
 def motions_of(asset: Asset) -> List[str]: ...
 
 def evaluate(predicted: Asset, truth: Asset, *, metrics: Sequence[str] = (), protocol: str = "",
-             normalization: str = "", registration: bool = True, surface_samples: int = 100_000,
+             normalization: str = "centroid-rms", registration: bool = True, surface_samples: int = 100_000,
              progress: Optional[Progress] = None) -> Dict[str, float]:
     """The numbers of anigen-eval by their keys (docs/metrics.md); one that cannot be computed is missing.
 
@@ -99,14 +99,61 @@ def render(asset: Asset, *, width: int = 512, height: int = 512, mode: str = "co
            time: float = 0.0) -> NDArray[np.uint8]:
     """RGBA [height, width, 4]. mode: color, normals, weights; yaw and pitch of the camera in degrees."""
 
+@overload
+def prepare(asset: Asset, *, cleaning: str = "none", resolution: int = 64,
+            progress: Optional[Progress] = None) -> Dict[str, Any]:
+    """A training example of one rigged asset, as a dataset holds it:
+
+    asset: in [-0.5, 0.5]^3, longest side 1, Z up, cleaned (none, anymate, articulation-xl); scale, float, and offset,
+    float64 [3]: asset = scale * original + offset; voxels, int32 [N, 3], that the surface touches, and skeleton_voxels,
+    int32 [M, 3], that bones cross, x, y, z in [0, resolution), ascending; findings: what cleaning changed; usable: the
+    splits of a dataset would take it."""
+
+@overload
+def prepare(inputs: Union[File, Sequence[File]], output: File, *, creatures: int = 0, poses: int = 0,
+            cleaning: str = "none", keep_assets: bool = True, resolution: int = 64, views: int = 0,
+            view_size: int = 512, condition_views: int = 0, condition_view_size: int = 1024,
+            front_cameras: bool = False, view_geometry: bool = False, features: str = "",
+            feature_weights: Optional[File] = None, test_fraction: Optional[float] = None, seed: int = 0,
+            progress: Optional[Progress] = None) -> Dict[str, Any]:
+    """The dataset that anigen-prepare makes of files and folders of rigs and of procedural creatures, byte for byte, on
+    the threads of this process. The same call goes on where an earlier one was cancelled. features: surface, or a
+    network of feature_weights; they need LibTorch.
+
+    Returns counts: assets, variants (their posed copies), reused (made by an earlier call), train, test, unusable,
+    failed_steps (failures.jsonl says which), bytes; and rejected: a list of {source, reason, step}."""
+
+class Generated:
+    """What a generator made of an image."""
+
+    @property
+    def asset(self) -> Optional[Asset]:
+        """In the unit cube, Z up, facing -y; None after stop_at="voxels"."""
+    @property
+    def notices(self) -> List[str]:
+        """What was done to image and mesh, a sentence each."""
+    @property
+    def seconds(self) -> Dict[str, float]:
+        """condition, structure, latents, decode"""
+    @property
+    def voxels(self) -> bytes:
+        """Those of the first flow, NPZ: shape and skeleton, uint8 [N, 3]; resolution, int64 [1]."""
+
 class Generator:
     """Image to rigged asset, with models that are loaded once."""
 
     def __init__(self, *, runs: Optional[File] = None, device: str = "cpu", precision: str = "fp32",
                  background: str = "auto") -> None:
         """runs: folder of both flows; None: the weights that are installed."""
-    def generate(self, image: Union[File, bytes], *, seed: int = 42,
-                 progress: Optional[Progress] = None) -> Tuple[Asset, List[str]]:
-        """The asset, and what was done to image and mesh. image: a file, or an encoded image in memory."""
+    def generate(self, image: Union[File, bytes], *, seed: int = 42, joints: int = 0, ss_steps: Optional[int] = None,
+                 slat_steps: Optional[int] = None, mask: Union[File, bytes, None] = None, stop_at: str = "",
+                 voxels: Union[File, bytes, None] = None, pictures: Optional[Callable[[str, bytes], Any]] = None,
+                 progress: Optional[Progress] = None) -> Generated:
+        """image, mask: a file, or an encoded image in memory. The mask has the image's size; the object is where it is
+        above half. stop_at="voxels" ends after the first flow; voxels: Generated.voxels of an earlier call, which then
+        does not run again. pictures(name, png) gets "mask", "normals" (where the flow sees them), "voxels" and "votes"
+        as they come."""
 
-def to_torch(asset: Asset) -> Dict[str, Any]: ...
+def to_torch(asset: Asset) -> Dict[str, Any]:
+    """Tensors: vertices float32 [V, 3], faces int32 [F, 3], joints float64 [J, 3], parents int32 [J], skin float32
+    [V, J]. Vertices, faces and parents share the asset's memory. Error without PyTorch for Python."""

@@ -53,7 +53,7 @@ TEST(OptionTable, OldNamesLeadToOneOptionOfTheirProgram) {
 }
 
 TEST(OptionTable, ValueWordsNameTheirChoices) {
-  EXPECT_EQ(choices_of(option_row("--precision")), (Words{"fp32", "bf16"}));
+  EXPECT_EQ(choices_of(option_row("--precision")), (Words{"fp32", "bf16", "int8"}));
   EXPECT_EQ(choices_of(option_row("--emit")), Words{"slurm"});
   EXPECT_TRUE(choices_of(option_row("--device")).empty());
   EXPECT_TRUE(choices_of(option_row("--output")).empty());
@@ -90,7 +90,8 @@ TEST(OptionTable, SourcesOfProgramsTakeOptionsFromItAndReadThem) {
   }
   const std::map<std::string, int> uses = identifiers(everything);
   // A declaration: `add_option(app, "--run", request.run, …);`, or add("--run", request.run) in a program of its own.
-  const std::regex added("\\badd(_option)?\\(\\s*([a-z.]+,\\s*)?\"(-*[A-Za-z-]+)\",\\s*([A-Za-z_.]+)[^;]*;");
+  const std::regex added(
+      "\\badd(_option|_switch_off)?\\(\\s*([a-z.]+,\\s*)?\"(-*[A-Za-z-]+)\",\\s*([A-Za-z_.]+)[^;]*;");
   std::set<std::string> found;
   for (const auto& [file, text] : programs) {
     for (const char* raw : {".add_option(", ".add_flag(", "->add_option(", "->add_flag("})
@@ -110,6 +111,18 @@ TEST(OptionTable, SourcesOfProgramsTakeOptionsFromItAndReadThem) {
     }
   }
   EXPECT_GT(found.size(), 150U);
+}
+
+TEST(OptionTable, FlagsTurnOffWhatIsOn) {
+  bool on = true;
+  CLI::App app;
+  const CLI::Option* flag = add_switch_off(app, "--no-icp", on, "; with a note");
+  EXPECT_EQ(flag->get_group(), option_row("--no-icp").group);
+  EXPECT_EQ(flag->get_description(), std::string(option_row("--no-icp").help) + "; with a note");
+  app.parse("");
+  EXPECT_TRUE(on);
+  app.parse("--no-icp --no-icp");
+  EXPECT_FALSE(on);
 }
 
 TEST(CurrentWords, ReplaceOldNamesOfTheProgramAlone) {
@@ -190,7 +203,7 @@ TEST(Shell, ListsOptionsWithRangesAndChoices) {
   EXPECT_EQ(options.at("--limit")["range"], "0..9");
   EXPECT_EQ(options.at("--limit")["default"], "3");
   EXPECT_EQ(options.at("--limit")["letter"], "n");
-  EXPECT_EQ(options.at("--precision")["choices"], Json({"fp32", "bf16"}));
+  EXPECT_EQ(options.at("--precision")["choices"], Json({"fp32", "bf16", "int8"}));
   EXPECT_EQ(options.at("--output")["required"], true);
   EXPECT_EQ(listing["commands"][0]["name"], "merge");
   for (const char* shell : {"bash", "zsh", "fish"}) {

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <set>
 #include <string>
 #include <thread>
@@ -8,6 +9,7 @@
 
 #include "anigen/anigen.h"
 #include "anigen/core/files.h"
+#include "anigen/core/parallel.h"
 #include "anigen/creatures/body.h"
 #include "tests/support/hinged_boxes.h"
 #include "tests/support/paths.h"
@@ -121,9 +123,48 @@ TEST(EngineRig, FitsEnginesAndRefusesUnknownWords) {
   EXPECT_NEAR(box.high.z(), 1.8, 1e-5);
   EXPECT_TRUE(validate(rigged.asset).empty());
   options.method = "magic";
-  EXPECT_NE(error_of([&] { rig(dog_mesh(), options); }).find("\"magic\" is none of"), std::string::npos);
+  EXPECT_EQ(error_of([&] { rig(dog_mesh(), options); }).rfind("method: \"magic\" is none of", 0), 0U);
   Asset nothing;
   EXPECT_NE(error_of([&] { rig(nothing); }).find("no surface"), std::string::npos);
+}
+
+TEST_F(EngineFiles, AreRefusedByTheNamesOfTheLibrarysOptions) {
+  const fs::path mesh = folder_.path() / "dog.glb", rigged = folder_.path() / "rigged.glb";
+  save(dog_mesh(), mesh);
+  const auto refused = [&](const std::string& words, const RigOptions& options, const fs::path& to) {
+    const std::string by_file = error_of([&] { rig_file(mesh, to, options); });
+    EXPECT_NE(by_file.find(words), std::string::npos) << by_file;
+    EXPECT_EQ(by_file.find("--"), std::string::npos) << "an option of the program: " << by_file;
+  };
+  RigOptions options;
+  options.skin = "closest";
+  refused("skin: \"closest\" is none of", options, rigged);
+  options = {};
+  options.bone_axes = "bent";
+  refused("bone_axes: \"bent\" is none of", options, rigged);
+  options = {};
+  options.names = "xsi";
+  refused("names: \"xsi\" is none of", options, rigged);
+  options = {};
+  options.templates = {"cow"};
+  refused("templates: \"cow\" is none of", options, rigged);
+  options = {};
+  options.method = "curve";
+  refused("to: rigs are written as", options, folder_.path() / "rigged.obj");
+  options.add_joints = true;
+  refused("add_joints: holds no skeleton", options, rigged);
+  options = {};
+  options.method = "nearest";
+  options.names = "vrm";
+  const Asset boxes = test::hinged_boxes(0.1F, 0.2F);
+  EXPECT_NE(error_of([&] { rig(boxes, options); }).find("names of an engine"), std::string::npos);
+
+  EvaluateOptions scores;
+  scores.protocol = "ours";
+  EXPECT_EQ(error_of([&] { evaluate(boxes, boxes, scores); }).rfind("protocol: \"ours\" is none of", 0), 0U);
+  scores.protocol = "skintokens";
+  EXPECT_EQ(error_of([&] { evaluate(boxes, boxes, scores); }).rfind("protocol: not supported: skintokens", 0), 0U);
+  EXPECT_EQ(error_of([&] { animate(boxes, {{"moonwalk"}}); }).rfind("motions: 'moonwalk' is neither", 0), 0U);
 }
 
 TEST(EngineJobs, AreWatchedAndCancelledOneByOne) {
@@ -206,14 +247,88 @@ TEST(EngineLint, FindsWhatIsWrong) {
 }
 
 #ifdef ANIGEN_WITH_TORCH
-TEST(EngineGenerator, GivesTheAssetOfAnImageInMemory) {
-  const fs::path weights = test::source_dir() / "weights/anigen-small";
-  const fs::path image = test::source_dir() / "examples/creatures/deer.png";
-  if (!fs::exists(weights) || !fs::exists(image))
-    GTEST_SKIP() << "not supported: without the weights of the repository";
+class EngineGenerator : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!fs::exists(options_.runs) || !fs::exists(image_))
+      GTEST_SKIP() << "not supported: without the weights of the repository";
+  }
+
+  const fs::path image_ = test::source_dir() / "examples/creatures/deer.png";
+  GeneratorOptions options_ = [] {
+    GeneratorOptions options;
+    options.runs = test::source_dir() / "weights/anigen-small";
+    return options;
+  }();
+};
+
+TEST_F(EngineGenerator, GoesOnFromTheVoxelsOfAnEarlierCall) {
+  Generator generator(options_);
+  std::map<std::string, std::string> pictures;
+  GenerateOptions options;
+  options.pictures = [&](const std::string& name, const std::string& png) { pictures[name] = png; };
+  const Generated whole = generator.generate(image_, options);
+  ASSERT_EQ(pictures.count("mask"), 1U);
+  EXPECT_EQ(pictures.count("voxels"), 1U);
+  EXPECT_EQ(pictures.count("votes"), 1U);
+  EXPECT_EQ(pictures["mask"].substr(1, 3), "PNG");
+  EXPECT_EQ(pictures["mask"].substr(16, 8), bytes_of(image_).substr(16, 8)) << "width and height are the image's";
+
+  GenerateOptions stop;
+  stop.stop_at = "voxels";
+  const Generated stopped = generator.generate(image_, stop);
+  EXPECT_TRUE(stopped.asset.mesh.vertices.empty());
+  EXPECT_EQ(stopped.seconds.at("decode"), 0.0);
+  EXPECT_EQ(stopped.voxels, whole.voxels);
+  GenerateOptions on;
+  on.voxels = stopped.voxels;
+  std::set<std::string> stages;
+  Job job([&](const std::string& stage, double) { stages.insert(stage.substr(0, stage.find(" of "))); });
+  const Generated same = generator.generate(image_, on, &job);
+  EXPECT_EQ(stages.count("sparse structure"), 0U);
+  EXPECT_EQ(same.voxels, whole.voxels);
+  EXPECT_EQ(save_bytes(same.asset), save_bytes(whole.asset)) << "bit for bit";
+  on.seed = 7;
+  EXPECT_NE(save_bytes(generator.generate(image_, on).asset), save_bytes(whole.asset));
+
+  // The mask that was shown, given back; then masks that nothing can be done with.
+  GenerateOptions masked = stop;
+  masked.mask = pictures["mask"];
+  const Generated by_mask = generator.generate(image_, masked);
+  EXPECT_NE(by_mask.notices.front().find("mask"), std::string::npos);
+  masked.mask = png_bytes({8, 8, std::vector<std::uint8_t>(8 * 8 * 4, 255)});
+  EXPECT_NE(error_of([&] { generator.generate(image_, masked); }).find("8 x 8"), std::string::npos);
+  masked.mask = "no image";
+  EXPECT_NE(error_of([&] { generator.generate(image_, masked); }), "");
+  on.voxels = stopped.voxels.substr(0, stopped.voxels.size() / 2);
+  EXPECT_NE(error_of([&] { generator.generate(image_, on); }).find("voxels"), std::string::npos);
+  on.voxels = stopped.voxels;
+  on.stop_at = "voxels";
+  EXPECT_NE(error_of([&] { generator.generate(image_, on); }).find("nothing to do"), std::string::npos);
+  stop.stop_at = "mesh";
+  EXPECT_NE(error_of([&] { generator.generate(image_, stop); }).find("no stage"), std::string::npos);
+  options.pictures = [](const std::string&, const std::string&) { throw std::runtime_error("not shown"); };
+  EXPECT_THROW(generator.generate(image_, options), std::runtime_error);
+}
+
+TEST_F(EngineGenerator, TakesBothFlowsFromOnePlace) {
   GeneratorOptions options;
-  options.runs = weights;
-  Generator generator(options);
+  options.structure_flow = options_.runs / "ss_flow";
+  EXPECT_EQ(error_of([&] { Generator generator(options); }),
+            "latent_flow: name the runs of both flows, or the folder of both with runs");
+  options = {};
+  options.runs = options_.runs / "ss_dae";
+  const std::string none = error_of([&] { Generator generator(options); });
+  EXPECT_NE(none.find("with runs, or runs with structure_flow and latent_flow"), std::string::npos) << none;
+}
+
+TEST_F(EngineGenerator, GivesTheAssetOfAnImageInMemory) {
+  const fs::path& image = image_;
+  const int threads = thread_count();
+  set_thread_count(1);
+  Generator generator(options_);
+  EXPECT_EQ(thread_count(), 1) << "what a program was told stays";
+  set_thread_count(threads);
   std::set<std::string> stages;
   Job job([&](const std::string& stage, double) { stages.insert(stage.substr(0, stage.find(" of "))); });
   const Generated made = generator.generate_bytes(bytes_of(image), {}, &job);

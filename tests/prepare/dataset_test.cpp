@@ -24,6 +24,7 @@
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/prepare/run.h"
 #include "anigen/prepare/steps.h"
+#include "tests/support/dataset_files.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -50,16 +51,6 @@ Asset small_asset(std::size_t joints, float width) {
   asset.skin.append_row({{1, 1.0f}});
   asset.skin.append_row({{1, 0.25f}, {0, 0.75f}});
   return asset;
-}
-
-/// Every file of the dataset; run/ tells about runs and differs between them.
-std::map<std::string, std::string> contents(const fs::path& folder) {
-  std::map<std::string, std::string> files;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    const std::string name = entry.path().lexically_relative(folder).generic_string();
-    if (entry.is_regular_file() && name.rfind("run/", 0) != 0) files[name] = read_file(entry.path());
-  }
-  return files;
 }
 
 class PrepareDataset : public testing::Test {
@@ -186,17 +177,17 @@ TEST_F(PrepareDataset, ArraysAreTheNormalisedAsset) {
 
 TEST_F(PrepareDataset, RepeatedCallsReuseAndAreByteIdentical) {
   prepare_dataset(options("out"));
-  const auto before = contents(folder_ / "out");
+  const auto before = test::dataset_files(folder_ / "out");
   const PrepareSummary again = prepare_dataset(options("out"));
   EXPECT_EQ(again.reused, 3u);
-  EXPECT_EQ(contents(folder_ / "out"), before);
+  EXPECT_EQ(test::dataset_files(folder_ / "out"), before);
 
   // Somewhere else, on one thread.
   const int threads = thread_count();
   set_thread_count(1);
   prepare_dataset(options("elsewhere"));
   set_thread_count(threads);
-  EXPECT_EQ(contents(folder_ / "elsewhere"), before);
+  EXPECT_EQ(test::dataset_files(folder_ / "elsewhere"), before);
 }
 
 TEST_F(PrepareDataset, KeepsTheColumnsOfOtherPrograms) {
@@ -228,22 +219,22 @@ TEST_F(PrepareDataset, KeepsTheColumnsOfOtherPrograms) {
 
 TEST_F(PrepareDataset, GoesOnAfterAnInterruption) {
   prepare_dataset(options("out"));
-  const auto complete = contents(folder_ / "out");
+  const auto complete = test::dataset_files(folder_ / "out");
   const CsvTable table = read_csv(folder_ / "out" / "metadata.csv");
   // As if the program had died: one asset without its record, one with a damaged record, no tables yet.
   fs::remove(folder_ / "out" / "records" / (table.cell(0, "sha256") + ".json"));
   write_file_atomically(folder_ / "out" / "records" / (table.cell(1, "sha256") + ".json"), "{\"version\": 1");
   fs::remove(folder_ / "out" / "metadata.csv");
   EXPECT_EQ(prepare_dataset(options("out")).reused, 1u);
-  EXPECT_EQ(contents(folder_ / "out"), complete);
+  EXPECT_EQ(test::dataset_files(folder_ / "out"), complete);
 }
 
 // Result of a merge when files went missing after they were recorded.
 TEST_F(PrepareDataset, AMergeRefusesAnIncompleteAsset) {
   prepare_dataset(options("out"));
-  const auto complete = contents(folder_ / "out");
+  const auto complete = test::dataset_files(folder_ / "out");
   EXPECT_NO_THROW(merge_dataset(folder_ / "out"));
-  EXPECT_EQ(contents(folder_ / "out"), complete);
+  EXPECT_EQ(test::dataset_files(folder_ / "out"), complete);
   const CsvTable table = read_csv(folder_ / "out" / "metadata.csv");
   const AssetPlaces places{folder_ / "out", table.cell(0, "sha256")};
   write_file_atomically(places.skeleton_voxels(), "cut off");
@@ -257,7 +248,7 @@ TEST_F(PrepareDataset, AMergeRefusesAnIncompleteAsset) {
   fs::remove(places.skeleton());
   EXPECT_THROW(merge_dataset(folder_ / "out"), Error);
   prepare_dataset(options("out"));
-  EXPECT_EQ(contents(folder_ / "out"), complete);
+  EXPECT_EQ(test::dataset_files(folder_ / "out"), complete);
 }
 
 // Calls at the same time stand for processes; e2e.prepare_together has real ones, and kills them.
@@ -279,7 +270,7 @@ TEST_F(PrepareDataset, CallsAtTheSameTimeShareTheWork) {
   }
   for (std::thread& thread : threads) thread.join();
   EXPECT_EQ(problems, std::vector<std::string>());
-  EXPECT_EQ(contents(folder_ / "together"), contents(folder_ / "alone"));
+  EXPECT_EQ(test::dataset_files(folder_ / "together"), test::dataset_files(folder_ / "alone"));
   for (const PrepareSummary& summary : summaries) {
     EXPECT_EQ(summary.real, alone.real);
     EXPECT_EQ(summary.train, alone.train);

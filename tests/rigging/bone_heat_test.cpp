@@ -22,7 +22,7 @@ INSTANTIATE_TEST_SUITE_P(Of, SmoothBinding, testing::Values(SkinBinding::kGeodes
 
 TEST(SkinBindingWords, GoBothWays) {
   for (const SkinBinding binding : kAllBindings) EXPECT_EQ(parse_skin_binding(to_string(binding)), binding);
-  EXPECT_EQ(refusal([] { parse_skin_binding("closest"); }), "binding: \"closest\" is none of nearest, geovoxel, heat");
+  EXPECT_EQ(refusal([] { parse_skin_binding("closest"); }), "--skin: \"closest\" is none of nearest, geovoxel, heat");
 }
 
 TEST_P(Binding, GivesSoundRows) {

@@ -50,7 +50,7 @@ Program::Program(const std::string& name, const std::string& purpose, const std:
   app.footer("Examples:\n" + examples);
   app.formatter_fn(
       [](const CLI::App* described, const std::string&, CLI::AppFormatMode) { return help_text(*described); });
-  const OptionRow& help = option_row("--help");
+  const OptionRow help = option_row("--help");
   app.set_help_flag(spelled(help), help.help)->group(help.group);
 }
 
@@ -92,7 +92,7 @@ void Program::add_common(const std::vector<std::string>& names, std::function<st
   add_option(app, "--log-level", common.log_level)->excludes(verbose);
   add_option(app, "--completion", completion_);
   add_option(app, "--man", man_);
-  const OptionRow& version = option_row("--version");
+  const OptionRow version = option_row("--version");
   app.set_version_flag(
          spelled(version),
          [details = std::move(version_details)] {

@@ -37,6 +37,13 @@ CLI::Option* described_option(CLI::Option* option, const OptionRow& row) {
   return option;
 }
 
+CLI::Option* add_switch_off(CLI::App& app, const std::string& name, bool& on, const std::string& note) {
+  const OptionRow& row = option_row(name);
+  CLI::Option* flag = app.add_flag_callback(
+      spelled(row), [&on] { on = false; }, row.help + note);
+  return described_option(flag, row);
+}
+
 namespace {
 
 struct OldName {

@@ -33,6 +33,8 @@ inline constexpr OptionRow kOptions[] = {
     {"--id", 0, "ID", "Input", "Asset of the dataset; repeatable", ""},
     {"--image", 'i', "PATH", "Input", "Image, or folder of images", ""},
     {"--one-object", 0, "", "Input", "All images show one object, from several sides: one asset, called as the first of them", ""},
+    {"--mask", 0, "FILE", "Input", "Mask of the image, of its size: the object is where it is above half. In place of --background", ""},
+    {"--voxels", 0, "FILE", "Input", "voxels.npz of an earlier call, in place of what stage 4 gives", ""},
     {"--image-views", 0, "N", "Input", "Instead of the first condition view of an asset, so many, spread over those there are, as views of one object", ""},
     {"--image-split", 0, "FILE", "Input", "Instead of --image: the first condition view of these assets of --image-dataset", "rig:--picture-split"},
     {"--image-dataset", 0, "PATH", "Input", "Dataset of the assets of --image-split [--dataset]", ""},
@@ -85,7 +87,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--ckpt", 0, "WORD", "Models", "Checkpoint of the run", ""},
     {"--use-ema", 0, "", "Models", "Use averaged weights [of runs trained here: yes; of published ones: no]", ""},
     {"--no-ema", 0, "", "Models", "Use the weights themselves", ""},
-    {"--precision", 0, "fp32|bf16", "Models", "Precision of the flows; bf16 takes half the memory", ""},
+    {"--precision", 0, "fp32|bf16|int8", "Models", "Precision of the flows; bf16 takes half the memory, int8 for linear layers a quarter", ""},
     {"--low-memory", 0, "", "Models", "Keep one model in memory at a time; each is read again per image", ""},
     {"--joint-model", 0, "PATH", "Models", "For anymate and rignet: a run folder of anigen-train, or a .safetensors file of one; for anymate also a checkpoint as released [given joints]; for anigen: a folder with both flows [rig/ of the weights that are found]", ""},
     {"--connectivity-model", 0, "PATH", "Models", "For anymate and rignet, likewise [the shortest tree through predicted joints; given joints keep theirs]", ""},
@@ -108,9 +110,12 @@ inline constexpr OptionRow kOptions[] = {
     {"--slat-guidance", 0, "X", "Sampling", "Guidance scale g of stage 5: v0 + g (v - v0); 1: none [config: cfg_strength + 1]", "generate:--cfg-scale+1"},
     {"--ss-steps", 0, "N", "Sampling", "Steps of the sampler in stage 4 [config]", "generate:--steps-ss eval:--steps"},
     {"--slat-steps", 0, "N", "Sampling", "Steps of the sampler in stage 5 [config]", "generate:--steps"},
+    {"--stop-at", 0, "STAGE", "Sampling", "Go as far as that and write what is there", ""},
     {"--ss-interval", 0, "X X", "Sampling", "Guide stage 4 only at times between the two, 1: noise [config]", "generate:--cfg-interval-ss"},
     {"--slat-interval", 0, "X X", "Sampling", "Guide stage 5 only at times between the two, 1: noise [config]", "generate:--cfg-interval"},
-    {"--solver", 0, "euler|midpoint|heun", "Sampling", "Solver of both stages; midpoint and heun take two passes per step [config]", ""},
+    {"--solver", 0, "euler|midpoint|heun|adams", "Sampling", "Solver of both stages; midpoint and heun take two passes per step, adams keeps the velocity of the step before [config]", ""},
+    {"--guidance-every", 0, "N", "Sampling", "Ask for the velocity without the image in every N-th guided step and keep its difference between [config, else 1]", ""},
+    {"--velocity-tolerance", 0, "X", "Sampling", "Leave out passes of a step whose velocity those before predict to this relative error; 0: none [config, else 0]", ""},
     {"--view-rule", 0, "average|stochastic", "Sampling", "Share of several views of one object in a step: average, all, whose velocities are averaged; stochastic, one in turn", ""},
     {"--joints", 0, "N", "Sampling", "Wanted number of joints; 0: any", ""},
     {"--joint-density", 0, "X", "Sampling", "The wanted number as a share of 60 joints, 0 … 1", ""},
@@ -260,6 +265,9 @@ inline constexpr OptionRow kOptions[] = {
     {"--asset-timeout", 0, "SECONDS", "Work", "Time for one asset, after which it counts as failed; 0: no limit", "prepare:--timeout"},
     {"--memory-mb", 0, "N", "Work", "Memory of one worker, above which its asset counts as failed; 0: no limit", ""},
     {"--port", 0, "N", "Work", "Port of the server", ""},
+    {"--job-memory", 0, "GB", "Work", "Memory of one job of the server, which is ended when it needs more", ""},
+    {"--job-minutes", 0, "N", "Work", "Time of one job of the server, which is ended when it takes longer", ""},
+    {"--first-job", 0, "DIR", "Work", "Only make the job that a first start shows, of an example image, and write its folder; installing does so", ""},
     {"--host", 0, "ADDRESS", "Work", "Address to listen at; one that others reach asks them for the token in the printed address", ""},
     {"--seed", 0, "N", "Work", "Seed of every random draw", ""},
     {"--threads", 'j', "N", "Work", "Threads to use; 0: all cores", "eval:--workers"},
@@ -302,6 +310,9 @@ CLI::Option* add_option(CLI::App& app, const std::string& name, T& variable, con
     return shown ? option->capture_default_str() : option;
   }
 }
+
+/// Adds a flag of the table that turns off what is on without it.
+CLI::Option* add_switch_off(CLI::App& app, const std::string& name, bool& on, const std::string& note = "");
 
 /// A command line in which names of version 0.1 are replaced by today's.
 struct CurrentWords {

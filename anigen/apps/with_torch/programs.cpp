@@ -5,12 +5,15 @@
 #include <string>
 #include <utility>
 
+#include "anigen/apps/animate_arguments.h"
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
+#include "anigen/apps/eval_arguments.h"
 #include "anigen/apps/generate_arguments.h"
+#include "anigen/apps/rig_arguments.h"
+#include "anigen/apps/with_torch/generation_request.h"
 #include "anigen/core/error.h"
 #include "anigen/core/parallel.h"
-#include "anigen/eval/evaluate_command.h"
 #include "anigen/eval/skin_evaluation.h"
 #include "anigen/generate/anymate_rigger.h"
 #include "anigen/generate/encode.h"
@@ -25,9 +28,7 @@
 #include "anigen/generate/run_weights.h"
 #include "anigen/generate/trained_skin.h"
 #include "anigen/generate/video_animation.h"
-#include "anigen/motions/animate_files.h"
 #include "anigen/nn/profile.h"
-#include "anigen/rigging/rig_meshes.h"
 #include "anigen/train/distributed/launch.h"
 #include "anigen/train/export_run.h"
 #include "anigen/train/train_command.h"
@@ -149,12 +150,13 @@ void evaluate_oracle(const EvalArguments& arguments, const CommonOptions& common
     using Form = skeleton_field::MeanShiftForm;
     grouping.form = arguments.cluster_algorithm == "paper" ? Form::kPaper : Form::kPublished;
   }
-  generate::GenerationOptions& sampling = generation.sampling;
+  engine::GenerateOptions sampling;
   sampling.seed = common.seed.value_or(sampling.seed);
-  sampling.structure.steps = arguments.steps;
-  sampling.latents.steps = arguments.slat_steps;
-  if (!arguments.guidance.empty()) sampling.structure.cfg_strength = arguments.guidance.front() - 1;
-  if (arguments.slat_guidance) sampling.latents.cfg_strength = *arguments.slat_guidance - 1;
+  sampling.structure_steps = arguments.steps;
+  sampling.latent_steps = arguments.slat_steps;
+  if (!arguments.guidance.empty()) sampling.structure_guidance = arguments.guidance.front();
+  sampling.latent_guidance = arguments.slat_guidance;
+  generation.sampling = engine::sampling_options(sampling);
   generation.finishing.views = arguments.hidden_views.value_or(generation.finishing.views);
   generation.finishing.texture_size = arguments.texture_size.value_or(generation.finishing.texture_size);
   generation.again = arguments.force;
@@ -167,23 +169,10 @@ void evaluate_oracle(const EvalArguments& arguments, const CommonOptions& common
 }
 
 /// The number of joints that one of three options asks for.
-std::int64_t wanted_joints(const GenerateArguments& arguments) {
-  if (arguments.joint_level) return generate::joints_of_level(*arguments.joint_level);
-  if (arguments.joint_density) return static_cast<std::int64_t>(*arguments.joint_density * 60 + 0.5);
-  return arguments.joints;
-}
-
-/// The runs of both flows, of which --runs finds those that were not named.
-generate::FlowRuns runs_of(const GenerateArguments& arguments) {
-  const generate::FlowRuns named{arguments.structure_flow, arguments.latent_flow};
-  if (!named.structure.empty() && !named.latents.empty()) return named;
-  if (arguments.runs.empty() && (!named.structure.empty() || !named.latents.empty())) {
-    throw InputError("", named.structure.empty() ? "--ss-flow" : "--slat-flow",
-                     "name the runs of both flows, or the folder of both with --runs");
-  }
-  const std::filesystem::path runs =
-      arguments.runs.empty() ? generate::shipped_weights() : std::filesystem::path(arguments.runs);
-  return generate::find_flow_runs(runs, wanted_joints(arguments) > 0, named);
+int wanted_joints(const GenerateArguments& arguments) {
+  if (arguments.joint_level) return static_cast<int>(generate::joints_of_level(*arguments.joint_level));
+  if (arguments.joint_density) return static_cast<int>(*arguments.joint_density * 60 + 0.5);
+  return arguments.sampling.joints;
 }
 
 std::vector<generate::NamedPicture> pictures_of(const GenerateArguments& arguments) {
@@ -203,22 +192,20 @@ std::vector<generate::NamedPicture> pictures_of(const GenerateArguments& argumen
     if (pictures.size() != 1 || arguments.one_object) throw InputError("", "--normal-map", "is for one image");
     pictures.front().normal_map = arguments.normal_map;
   }
+  if (!arguments.mask.empty()) {
+    if (pictures.size() != 1 || arguments.one_object) throw InputError("", "--mask", "is for one image");
+    pictures.front().mask = arguments.mask;
+  }
   return pictures;
 }
 
-void set_models(const GenerateArguments& arguments, const CommonOptions& common,
-                generate::AssetGenerator::Request& models) {
-  const generate::FlowRuns runs = runs_of(arguments);
-  models.structure_flow = runs.structure;
-  models.latent_flow = runs.latents;
+/// Sets what the library has no option for.
+void set_models(const GenerateArguments& arguments, generate::AssetGenerator::Request& models) {
   models.structure_autoencoder = arguments.structure_autoencoder;
   models.latent_autoencoder = arguments.latent_autoencoder;
-  models.device = common.device;
-  models.low_memory = arguments.low_memory;
   models.grouping = arguments.clustering;
   if (arguments.averages) models.averages = nn::Averages::kAlways;
   if (arguments.no_averages) models.averages = nn::Averages::kNever;
-  if (arguments.precision == "bf16") models.precision = torch::kBFloat16;
   if (arguments.structure_condition == "color") {
     models.structure_condition = generate::StructureCondition::kColor;
   } else if (arguments.structure_condition == "normal") {
@@ -226,40 +213,40 @@ void set_models(const GenerateArguments& arguments, const CommonOptions& common,
   }
 }
 
-void set_sampling(const GenerateArguments& arguments, const CommonOptions& common,
-                  generate::GenerationOptions& sampling) {
-  if (common.seed) sampling.seed = *common.seed;
-  sampling.joints = wanted_joints(arguments);
-  generate::SamplerOverrides &structure = sampling.structure, &latents = sampling.latents;
-  // v + s (v − v₀) = v₀ + (1 + s)(v − v₀): the configs' strength s is the guidance scale less 1.
-  if (arguments.structure_guidance) structure.cfg_strength = *arguments.structure_guidance - 1;
-  if (arguments.latent_guidance) latents.cfg_strength = *arguments.latent_guidance - 1;
-  if (arguments.structure_steps) structure.steps = *arguments.structure_steps;
-  if (arguments.latent_steps) latents.steps = *arguments.latent_steps;
+/// Sets what the library has no option for.
+void set_sampling(const GenerateArguments& arguments, generate::GenerationOptions& sampling) {
   const auto interval = [](const std::vector<double>& ends) { return std::make_pair(ends[0], ends[1]); };
-  if (!arguments.structure_interval.empty()) structure.cfg_interval = interval(arguments.structure_interval);
-  if (!arguments.latent_interval.empty()) latents.cfg_interval = interval(arguments.latent_interval);
+  if (!arguments.structure_interval.empty()) sampling.structure.cfg_interval = interval(arguments.structure_interval);
+  if (!arguments.latent_interval.empty()) sampling.latents.cfg_interval = interval(arguments.latent_interval);
   sampling.views = flow::parse_view_rule(arguments.view_rule);
-  if (!arguments.solver.empty()) structure.solver = latents.solver = flow::parse_solver(arguments.solver);
+  sampling.structure.cfg_every = sampling.latents.cfg_every = arguments.guidance_every;
+  sampling.structure.velocity_tolerance = sampling.latents.velocity_tolerance = arguments.velocity_tolerance;
+  if (!arguments.solver.empty())
+    sampling.structure.solver = sampling.latents.solver = flow::parse_solver(arguments.solver);
 }
 
 generate::GenerateRequest request_of(const GenerateArguments& arguments, const CommonOptions& common) {
-  generate::GenerateRequest request;
-  set_models(arguments, common, request.models);
-  set_sampling(arguments, common, request.sampling);
-  request.pictures.background = generate::parse_background(arguments.background);
+  engine::GeneratorOptions models = arguments.models;
+  models.device = common.device;
+  models.image_colors = arguments.colors == "picture";
+  engine::GenerateOptions sampling = arguments.sampling;
+  sampling.seed = common.seed.value_or(sampling.seed);
+  sampling.joints = wanted_joints(arguments);
+  generate::GenerateRequest request = engine::generation_request(models, {}, sampling.joints > 0);
+  request.sampling = engine::sampling_options(sampling);
+  set_models(arguments, request.models);
+  set_sampling(arguments, request.sampling);
+  request.voxels = arguments.voxels;
   request.pictures.normals = generate::parse_normal_source(arguments.normals);
-  request.pictures.matting = arguments.matting;
-  const generate::Background background = request.pictures.background;
-  const bool removes = background == generate::Background::kAuto || background == generate::Background::kNetwork;
-  if (removes && arguments.matting.network.empty()) request.pictures.matting.network = generate::shipped_matting();
+  request.pictures.matting = arguments.mask.empty()
+                                 ? engine::with_shipped_matting(arguments.matting, request.pictures.background)
+                                 : arguments.matting;
   request.estimator_weights = arguments.estimator_weights;
   request.finishing = arguments.finishing;
   request.finishing.remove_hidden = !arguments.keep_hidden;
   request.finishing.filter_skin = !arguments.keep_weights;
   if (arguments.no_smoothing) request.finishing.smoothing_iterations = 0;
   request.published_axes = arguments.axes == "published";
-  request.picture_colors = arguments.colors == "picture";
   request.idle = !arguments.still;
   request.obj = arguments.obj;
   request.intermediate = arguments.intermediate;
@@ -278,12 +265,10 @@ void run_generate(const GenerateArguments& arguments, const CommonOptions& commo
   require_inputs(reports, "images gave no asset", common);
 }
 
-/// Nothing for --method auto where no weights are found.
 rigging::LearnedSteps field_steps(const RigArguments& arguments, const CommonOptions& common) {
   generate::FieldRigger::Request request;
   request.flows = arguments.joint_model.empty() ? generate::shipped_rig_flows()
                                                 : generate::find_flow_runs(arguments.joint_model, false);
-  if (request.flows.structure.empty() && arguments.method != kAnigen) return {};
   if (request.flows.structure.empty()) {
     throw InputError("", "--method anigen",
                      "no rig/ss_flow and rig/slat_flow are among the weights that come with this program; name a "
@@ -296,11 +281,11 @@ rigging::LearnedSteps field_steps(const RigArguments& arguments, const CommonOpt
 
 rigging::LearnedSteps learned_steps(const RigArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
-  if (arguments.method == kAnigen || arguments.method == "auto") return field_steps(arguments, common);
+  if (arguments.rig.method == kAnigen) return field_steps(arguments, common);
   const generate::LearnedModelFiles files{arguments.joint_model, arguments.connectivity_model, arguments.skin_model};
   const torch::Device device = nn::parse_device(common.device);
   const std::size_t influences = arguments.request.binding.heat.most_influences;
-  if (arguments.method == kAnymate) {
+  if (arguments.rig.method == kAnymate) {
     generate::AnymateRiggerOptions rigger;
     rigger.points = arguments.points;
     rigger.eps = arguments.joint_distance;
@@ -330,9 +315,7 @@ void animate_from_video(const AnimateArguments& arguments, const CommonOptions& 
   request.keep_clips = !arguments.drop_clips;
   request.background = generate::parse_background(arguments.background);
   request.matting.network = arguments.matting_network;
-  const bool removes =
-      request.background == generate::Background::kAuto || request.background == generate::Background::kNetwork;
-  if (removes && request.matting.network.empty()) request.matting.network = generate::shipped_matting();
+  request.matting = engine::with_shipped_matting(request.matting, request.background);
   const generate::VideoAnimationReport report = generate::animate_from_video(request);
   print_result(generate::to_json(report), generate::to_text(report), common);
 }
