@@ -37,6 +37,12 @@ find_library(LEMON_LIBRARY lemon REQUIRED)
 pkg_check_modules(HTTPLIB IMPORTED_TARGET cpp-httplib)
 if(NOT HTTPLIB_FOUND)
   message(STATUS "cpp-httplib not found: no anigen-studio")
+else()
+  # Its header calls OpenSSL by itself from 0.18 on (Debian 13).
+  pkg_check_modules(HTTPLIB_OPENSSL IMPORTED_TARGET openssl)
+  if(HTTPLIB_OPENSSL_FOUND)
+    target_link_libraries(PkgConfig::HTTPLIB INTERFACE PkgConfig::HTTPLIB_OPENSSL)
+  endif()
 endif()
 
 # CGAL: only anigen/curve_skeleton, anigen/mesh_health and two benchmarks, whose programs are then GPL-3 as binaries.

@@ -1,4 +1,4 @@
-# What `cmake --install` copies, by component: `programs` (with the module that needs LibTorch, and the configs),
+# Components of `cmake --install`: `programs` (with the module that needs LibTorch, and the configs),
 # `library` (libanigen.so), `development` (headers, CMake package, pkg-config), `weights`.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
@@ -33,6 +33,7 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/configs ${PROJECT_SOURCE_DIR}/experiment
 if(TARGET anigen-studio)
   set(studio ${CMAKE_INSTALL_DATADIR}/anigen/studio)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/anigen/studio/page/ DESTINATION ${studio} COMPONENT programs)
+  install(FILES ${PROJECT_SOURCE_DIR}/anigen/studio/openapi.json DESTINATION ${studio} COMPONENT programs)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/examples/creatures/ DESTINATION ${studio}/gallery COMPONENT programs)
   # Parts of three.js that the page uses, where the package is (scripts/setup.sh).
   set(three ${PROJECT_SOURCE_DIR}/.cache/node/node_modules/three)
@@ -42,15 +43,30 @@ if(TARGET anigen-studio)
     get_filename_component(folder ${file} DIRECTORY)
     install(FILES ${three}/${file} DESTINATION ${studio}/three/${folder} COMPONENT programs OPTIONAL)
   endforeach()
+  # A creature for the first start, made by the weights of this source. Without it one is made at that start.
+  if(ANIGEN_WITH_TORCH)
+    install(CODE "
+      set(first_job \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${studio}/first_job\")
+      file(REMOVE_RECURSE \"\${first_job}\")
+      set(ENV{ANIGEN_WEIGHTS} \"${PROJECT_SOURCE_DIR}/weights/anigen-small\")
+      execute_process(COMMAND $<TARGET_FILE:anigen-studio> --first-job \"\${first_job}\" --quiet RESULT_VARIABLE status)
+      if(NOT status EQUAL 0)
+        message(WARNING \"the studio comes without a creature for its first start\")
+      endif()
+    " COMPONENT programs)
+  endif()
+  set(validator ${PROJECT_SOURCE_DIR}/.cache/node/node_modules/gltf-validator)
+  install(FILES ${validator}/gltf_validator.dart.js ${validator}/LICENSE ${validator}/NOTICES
+    DESTINATION ${studio}/gltf-validator COMPONENT programs OPTIONAL)
 endif()
-install(DIRECTORY ${PROJECT_SOURCE_DIR}/integrations/blender DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/integrations/blender ${PROJECT_SOURCE_DIR}/integrations/mcp DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen
   COMPONENT programs)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/weights DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen COMPONENT weights)
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
 
 # The public headers: those of the engine, and the assets that they speak of.
 set(headers anigen/anigen.h anigen/core/error.h anigen/core/job.h)
-foreach(name files rig animate evaluate render generator)
+foreach(name files rig animate evaluate render prepare generator)
   list(APPEND headers anigen/engine/${name}.h)
 endforeach()
 foreach(name rigged_asset animation mesh skeleton skin_weights)

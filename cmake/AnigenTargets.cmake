@@ -109,12 +109,7 @@ function(anigen_test folder)
   elseif(NOT folder STREQUAL core)
     target_precompile_headers(${name} REUSE_FROM anigen_geometry_test_pch)
   endif()
-  if(ARG_TORCH)
-    anigen_test_suites(${name})
-  else()
-    gtest_discover_tests(${name} TEST_PREFIX ${folder}. PROPERTIES LABELS ${ARG_LABEL} TIMEOUT 300
-      DISCOVERY_TIMEOUT 120 DISCOVERY_MODE PRE_TEST)
-  endif()
+  anigen_test_suites(${name})
 endfunction()
 
 # One ctest test per suite of the program, found when ctest runs. Uses the caller's folder and ARG_LABEL.

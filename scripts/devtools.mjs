@@ -50,7 +50,7 @@ export class Page {
       if (method === 'Page.loadEventFired') this.loaded = true;
       if (method === 'Runtime.exceptionThrown') this.problems.push('exception: ' + (params.exceptionDetails.exception?.description ?? params.exceptionDetails.text));
       if (method === 'Runtime.consoleAPICalled' && params.type === 'error') this.problems.push('console: ' + params.args.map((a) => a.description ?? a.value).join(' '));
-      if (method === 'Log.entryAdded' && params.entry.level === 'error') this.problems.push('log: ' + params.entry.text);
+      if (method === 'Log.entryAdded' && params.entry.level === 'error') this.problems.push(['log:', params.entry.text, params.entry.url ?? ''].join(' ').trim());
       if (method === 'Network.requestWillBeSent' && !/^(data|blob):/.test(params.request.url) && params.request.url !== this.url && !this.allowed(params.request.url)) this.problems.push('asked for ' + params.request.url);
     });
   }

@@ -48,7 +48,7 @@ fi
 if [ ${#missing[@]} -gt 0 ] || [ ${#wanted[@]} -gt 0 ]; then
   echo "setup: installing ${missing[*]} ${wanted[*]}"
   "${as_root[@]}" apt-get update -qq
-  # What the machine has stays: where a package would take the place of another one, apt-get stops and names both.
+  # Installed packages stay: where one would take the place of another, apt-get stops and names both.
   install() { DEBIAN_FRONTEND=noninteractive "${as_root[@]}" apt-get install -y -qq --no-remove --no-install-recommends "$@" >/dev/null; }
   [ ${#missing[@]} -eq 0 ] || install "${missing[@]}"
   for package in "${wanted[@]}"; do

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <optional>
 #include <system_error>
@@ -9,13 +10,14 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
-#include "anigen/core/text.h"
 #include "anigen/engine/evaluate.h"
 #include "anigen/engine/files.h"
-#include "anigen/io/rigs/rig_listing.h"
 #include "anigen/studio/job_options.h"
 #include "anigen/studio/job_work.h"
 #include "anigen/studio/rebind.h"
+#include "anigen/studio/rig_formats.h"
+#include "anigen/studio/submission.h"
+#include "anigen/studio/weight_strokes.h"
 
 namespace anigen::studio {
 
@@ -23,9 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr JsonLimits kRequestLimits{16, 100'000};
 constexpr std::size_t kMostMethods = 6;
-
 struct FileType {
   const char* name;
   const char* type;
@@ -36,10 +36,18 @@ constexpr FileType kFiles[] = {
     {"rigged.glb", "model/gltf-binary", nullptr},
     {"rigged.fbx", "application/octet-stream", kRiggedFile},
     {"rigged.usdz", "model/vnd.usdz+zip", kRiggedFile},
+    {"rigged.vrm", "model/gltf-binary", kRiggedFile},
+    {"rigged.zip", "application/zip", kRiggedFile},
     {"edited.glb", "model/gltf-binary", nullptr},
     {"edited.fbx", "application/octet-stream", kEditedFile},
     {"edited.usdz", "model/vnd.usdz+zip", kEditedFile},
+    {"edited.vrm", "model/gltf-binary", kEditedFile},
+    {"edited.zip", "application/zip", kEditedFile},
     {"preview.png", "image/png", nullptr},
+    {"mask.png", "image/png", nullptr},
+    {"normals.png", "image/png", nullptr},
+    {"voxels.png", "image/png", nullptr},
+    {"votes.png", "image/png", nullptr},
 };
 
 Reply reply_of(const Json& json, int status = 200) {
@@ -47,22 +55,6 @@ Reply reply_of(const Json& json, int status = 200) {
   reply.status = status;
   reply.body = json.dump(-1, ' ', false, Json::error_handler_t::replace);
   return reply;
-}
-
-Json request_json(const std::string& body) {
-  const Json json = parse_json(body.empty() ? "{}" : body, "request", kRequestLimits);
-  if (!json.is_object()) throw InputError("request", "", "is no JSON object");
-  return json;
-}
-
-/// Last part of a path that a client says, for people: without control characters, and short.
-std::string shown_name(const std::string& name) {
-  const std::size_t slash = name.find_last_of("/\\");
-  std::string shown;
-  for (const char c : slash == std::string::npos ? name : name.substr(slash + 1))
-    shown += static_cast<unsigned char>(c) < 32 || c == 127 ? '_' : c;
-  if (shown.size() > 120) shown = "upload" + io::lower_extension(shown);
-  return as_utf8(shown);
 }
 
 /// Name of a download that a header can hold.
@@ -73,10 +65,29 @@ std::string header_name(const std::string& stem, const std::string& extension) {
   return name.substr(0, 80) + extension;
 }
 
+/// An asset of a job as a file of another format. @throws RequestError when it cannot be one
+void convert(const Asset& asset, const fs::path& file) {
+  try {
+    write_rig_file(asset, file);
+  } catch (const InputError& error) {
+    throw RequestError(409, error.what());
+  }
+}
+
 std::string milliseconds_text(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.1f", value);
   return text;
+}
+
+double milliseconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+}
+
+/// The motions that the job's options ask for, as far as the asset has no clip of them.
+void add_clips(const JobRecord& record, Asset& asset) {
+  for (Animation& clip : clips_of(asset, parse_job_options(record.options, record.kind), nullptr))
+    asset.animations.push_back(std::move(clip));
 }
 
 }  // namespace
@@ -87,33 +98,27 @@ JobRecord Api::known(const std::string& id) const {
   return *std::move(record);
 }
 
-JobRecord Api::done(const std::string& id) const {
-  JobRecord record = known(id);
-  if (record.state != JobState::kDone)
-    throw RequestError(409, std::string("the job is ") + word(record.state) + ", and has no rig");
-  return record;
-}
-
 Json Api::described(const JobRecord& record) const {
   Json json = to_json(record);
-  json.erase("input");
-  const std::optional<JobRunner::Progress> progress = runner_.progress(record.id);
-  json["stage"] = progress ? as_utf8(progress->stage) : "";
+  json.erase("inputs");
+  std::optional<JobRunner::Progress> progress;
+  if (!has_ended(record.state)) progress = runner_.progress(record.id);
+  json["stage"] = progress ? progress->stage : "";
   json["fraction"] = record.state == JobState::kDone ? 1.0 : progress ? progress->fraction : 0.0;
+  json["seconds_left"] = nullptr;
+  if (progress && progress->seconds_left) json["seconds_left"] = std::round(*progress->seconds_left);
   std::error_code ignored;
-  json["edited"] = fs::exists(store_.folder(record.id) / kEditedFile, ignored);
+  const fs::path folder = store_.folder(record.id);
+  json["edited"] = fs::exists(folder / kEditedFile, ignored);
+  json["pictures"] = Json::array();
+  for (const char* name : kPictures)
+    if (fs::exists(folder / (std::string(name) + ".png"), ignored)) json["pictures"].push_back(name);
   return json;
 }
 
-Reply Api::submit(const Upload& file, const std::string& options) {
-  if (file.name.empty()) throw InputError("", "file", "has no name; send it as a file with its extension");
-  if (file.bytes.empty()) throw InputError(shown_name(file.name), "", "is empty");
-  JobRecord record;
-  record.kind = kind_of_upload(file.name);
-  record.name = shown_name(file.name);
-  record.options = request_json(options);
-  parse_job_options(record.options, record.kind);
-  const std::optional<JobRecord> accepted = runner_.submit(record, io::lower_extension(file.name), file.bytes);
+Reply Api::submit(const std::string& kind, const Form& form) {
+  const Submission submission = submission_of(kind, form, store_);
+  const std::optional<JobRecord> accepted = runner_.submit(submission.record, submission.files);
   if (!accepted) throw RequestError(429, "too many jobs wait; try again when one has ended");
   return reply_of(described(*accepted), 201);
 }
@@ -138,19 +143,26 @@ Reply Api::metrics() const {
   return reply;
 }
 
-Reply Api::show(const std::string& id) const { return reply_of(described(known(id))); }
-
-Reply Api::cancel(const std::string& id) {
-  const JobRecord record = known(id);
-  if (!runner_.cancel(id) && !has_ended(known(id).state))
-    throw RequestError(409, "the job is just changing; try again");
-  return show(id);
+Reply Api::ready() const {
+  if (!runner_.accepts()) throw RequestError(503, "too many jobs wait, or the studio is stopping");
+  return reply_of({{"status", "ready"}});
 }
 
-Reply Api::remove(const std::string& id) {
-  known(id);
-  if (!store_.remove(id)) throw RequestError(409, "the job has not ended; cancel it first");
-  return reply_of({{"removed", id}});
+Api::Event Api::event(const std::string& id) const {
+  const JobRecord record = known(id);
+  return {reply_of(described(record)).body, has_ended(record.state)};
+}
+
+Reply Api::show(const std::string& id) const { return reply_of(described(known(id))); }
+
+Reply Api::end(const std::string& id) {
+  if (has_ended(known(id).state)) {
+    if (store_.remove(id)) return reply_of({{"removed", id}});
+    throw RequestError(404, "there is no such job");
+  }
+  if (!runner_.cancel(id) && !has_ended(known(id).state))
+    throw RequestError(409, "the job is just changing; try again");
+  return reply_of(described(known(id)), 202);
 }
 
 Reply Api::file(const std::string& id, const std::string& name) {
@@ -158,8 +170,10 @@ Reply Api::file(const std::string& id, const std::string& name) {
   const fs::path folder = store_.folder(id);
   Reply reply;
   if (name == "input") {
+    const auto input = record.inputs.find("file");
+    if (input == record.inputs.end()) throw RequestError(404, "the job has no input");
     reply.type = "application/octet-stream";
-    reply.body = read_file(folder / record.input);
+    reply.body = read_file(folder / input->second);
     reply.headers["Content-Disposition"] = "attachment";
     return reply;
   }
@@ -169,7 +183,7 @@ Reply Api::file(const std::string& id, const std::string& name) {
   const fs::path path = folder / name;
   if (type->made_of != nullptr && fs::exists(folder / type->made_of)) {
     const std::lock_guard<std::mutex> turn(computing_);
-    if (!fs::exists(path)) engine::save(*asset_of(id, type->made_of), path);
+    if (!fs::exists(path)) convert(*asset_of(id, type->made_of), path);
   }
   if (!fs::exists(path)) throw RequestError(404, "the job has no " + name);
   reply.type = type->type;
@@ -192,8 +206,12 @@ std::shared_ptr<const Asset> Api::asset_of(const std::string& id, const std::str
   return asset_;
 }
 
-fs::path Api::latest(const std::string& id) const {
-  return fs::exists(store_.folder(id) / kEditedFile) ? kEditedFile : kRiggedFile;
+/// The rig whose weights an edit keeps: that of the job itself, or after new names the edited one.
+std::shared_ptr<const Asset> Api::asset_with(const std::string& id, const Skeleton& skeleton) {
+  std::shared_ptr<const Asset> own = asset_of(id, kRiggedFile);
+  if (has_joints(*own, skeleton) || latest_rig(store_, id) == kRiggedFile) return own;
+  std::shared_ptr<const Asset> edited = asset_of(id, kEditedFile);
+  return has_joints(*edited, skeleton) ? edited : own;
 }
 
 void Api::keep_edit(const std::string& id, const std::string& glb) const {
@@ -206,33 +224,66 @@ void Api::keep_edit(const std::string& id, const std::string& glb) const {
 }
 
 Reply Api::rebind(const std::string& id, const std::string& body) {
-  const JobRecord record = done(id);
+  const JobRecord record = job_with_rig(store_, id);
   const Json request = request_json(body);
   ConfigReader reader(request, "request");
   reader.require("joints");
   const Skeleton skeleton = skeleton_of_joints(*reader.raw("joints"));
-  const std::string method = reader.choice("method", "heat", {"heat", "geovoxel", "nearest"});
+  const Skeleton former = with_former_names(skeleton, *reader.raw("joints"));
+  const std::string method = reader.choice("method", "heat", {"heat", "geovoxel", "nearest", "keep"});
+  const Json* given = reader.raw("strokes");
   const bool draft = reader.boolean("draft", false);
   reader.finish();
   const std::lock_guard<std::mutex> turn(computing_);
   const auto started = std::chrono::steady_clock::now();
-  Rebound bound = rebound(*asset_of(id, kRiggedFile), skeleton, method);
-  if (!draft) bound.asset.animations = clips_of(bound.asset, parse_job_options(record.options, record.kind), nullptr);
+  Rebound bound = method == "keep" ? with_kept_weights(*asset_with(id, former), former)
+                                   : rebound(*asset_of(id, kRiggedFile), skeleton, method);
+  if (method == "keep") rename_joints(former, skeleton.names, bound.asset);
+  const auto painting = std::chrono::steady_clock::now();
+  // By the joints of the asset, whose order can be its own.
+  if (given != nullptr) apply_strokes(parse_strokes(*given, bound.asset.skeleton), bound.asset);
+  bound.milliseconds += milliseconds_since(painting);
+  if (draft) {
+    bound.asset.animations.clear();
+  } else {
+    add_clips(record, bound.asset);
+  }
   Reply reply;
   reply.type = "model/gltf-binary";
   reply.body = engine::save_bytes(bound.asset, "glb");
   if (!draft) keep_edit(id, reply.body);
-  const double total = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - started).count();
   reply.headers = {{"X-Bind-Milliseconds", milliseconds_text(bound.milliseconds)},
-                   {"X-Total-Milliseconds", milliseconds_text(total)}};
+                   {"X-Total-Milliseconds", milliseconds_text(milliseconds_since(started))}};
+  return reply;
+}
+
+Reply Api::rename(const std::string& id, const std::string& body) {
+  const JobRecord record = job_with_rig(store_, id);
+  const Json request = request_json(body);
+  ConfigReader reader(request, "request");
+  reader.require("names");
+  const std::string preset = reader.choice("names", "chain", name_presets());
+  reader.finish();
+  const std::lock_guard<std::mutex> turn(computing_);
+  Asset asset;
+  try {
+    asset = renamed(*asset_of(id, latest_rig(store_, id)), preset);
+  } catch (const InputError& error) {
+    throw RequestError(409, error.what());
+  }
+  add_clips(record, asset);
+  Reply reply;
+  reply.type = "model/gltf-binary";
+  reply.body = engine::save_bytes(asset, "glb");
+  keep_edit(id, reply.body);
   return reply;
 }
 
 Reply Api::lint(const std::string& id) {
-  done(id);
+  job_with_rig(store_, id);
   const std::lock_guard<std::mutex> turn(computing_);
   Json findings = Json::array();
-  const std::string file = latest(id);
+  const std::string file = latest_rig(store_, id);
   for (const engine::Finding& finding : engine::lint(*asset_of(id, file))) {
     findings.push_back({{"code", finding.code},
                         {"severity", finding.severity},
@@ -246,7 +297,7 @@ Reply Api::lint(const std::string& id) {
 }
 
 Reply Api::compare(const std::string& id, const std::string& body) {
-  const JobRecord record = done(id);
+  const JobRecord record = job_with_rig(store_, id);
   const Json request = request_json(body);
   ConfigReader reader(request, "request");
   const std::vector<std::string> methods = reader.texts("methods", {"curve", "pinocchio", "heat"});
@@ -256,36 +307,23 @@ Reply Api::compare(const std::string& id, const std::string& body) {
   std::vector<JobRecord> wanted;
   for (const std::string& method : methods) {
     JobRecord other;
-    other.kind = "mesh";
+    other.kind = "rig";
     other.name = fs::path(record.name).stem().string() + "." + method + ".glb";
     other.group = record.group.empty() ? record.id : record.group;
     other.options = {{"method", method}, {"keep_skeleton", false}};
-    parse_job_options(other.options, "mesh");
+    parse_job_options(other.options, other.kind);
+    other.names["file"] = other.name;
+    other.source = record.id;
     wanted.push_back(std::move(other));
   }
-  const std::string mesh = read_file(store_.folder(id) / latest(id));
+  const std::string mesh = read_file(store_.folder(id) / latest_rig(store_, id));
   Json jobs = Json::array();
   for (const JobRecord& other : wanted) {
-    const std::optional<JobRecord> accepted = runner_.submit(other, ".glb", mesh);
+    const std::optional<JobRecord> accepted = runner_.submit(other, {{"file", ".glb", mesh}});
     if (accepted) jobs.push_back(described(*accepted));
   }
   if (jobs.empty()) throw RequestError(429, "too many jobs wait; try again when one has ended");
   return reply_of({{"jobs", jobs}}, 201);
-}
-
-Reply Api::evaluate(const std::string& id, const Upload& truth) {
-  done(id);
-  if (truth.bytes.empty()) throw InputError("", "truth", "is missing or empty; send it as a file");
-  if (kind_of_upload(truth.name) != "mesh") throw InputError(shown_name(truth.name), "", "is no rig to compare with");
-  const std::lock_guard<std::mutex> turn(computing_);
-  const Asset expected = engine::load_bytes(truth.bytes, "truth" + io::lower_extension(truth.name));
-  engine::EvaluateOptions options;
-  options.groups = {"skeleton", "transport", "skin", "surface"};
-  options.surface_samples = 20'000;
-  const std::string file = latest(id);
-  const engine::Scores scores = engine::evaluate(*asset_of(id, file), expected, options);
-  return reply_of(
-      {{"file", file}, {"values", scores.values}, {"not_computed", scores.not_computed}, {"notes", scores.notes}});
 }
 
 }  // namespace anigen::studio

@@ -4,6 +4,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/engine/animate.h"
+#include "anigen/engine/evaluate.h"
 #include "anigen/engine/generator.h"
 #include "anigen/engine/rig.h"
 
@@ -11,15 +12,17 @@ namespace anigen::studio {
 
 /// Options of a job, as its JSON has them.
 struct JobOptions {
-  engine::RigOptions rig;            ///< of a mesh
-  engine::GenerateOptions generate;  ///< of an image
+  engine::RigOptions rig;
+  engine::GenerateOptions generate;
+  engine::AnimateOptions animate;  ///< its motions are those below
+  engine::EvaluateOptions evaluate;
+  std::string voxels_of;             ///< job whose voxels a generation begins with; empty: it makes its own
   bool all_motions = true;           ///< every built-in motion that the body can do
   std::vector<std::string> motions;  ///< else these
 };
 
-/// Reads method, skin, templates, keep_skeleton, joints, symmetric, influences and names of a mesh; seed, ss_steps,
-/// slat_steps and joints of an image; motions of both.
-/// @param kind "image" or "mesh" @throws InputError naming the key that is unknown, of another type or out of range
+/// Reads the options of docs/studio.md.
+/// @param kind one of job_kinds() @throws InputError naming the key that is unknown, of another type or out of range
 JobOptions parse_job_options(const Json& json, const std::string& kind);
 
 /// Methods that need joints: they take those of the mesh.
@@ -27,9 +30,12 @@ bool keeps_joints(const std::string& method);
 
 /// Words of `method`.
 const std::vector<std::string>& rig_methods();
+/// Words of `names`.
+const std::vector<std::string>& name_presets();
 
-/// "image" or "mesh" by the extension of a file's name, which may be one that a browser sends.
-/// @throws InputError listing the formats
-std::string kind_of_upload(const std::string& name);
+enum class UploadFormat { kImage, kMask, kMesh, kRig, kMotion };
+
+/// Refuses a file by its name, which may be one that a browser sends. @throws InputError listing the formats
+void require_format(const std::string& name, UploadFormat format);
 
 }  // namespace anigen::studio

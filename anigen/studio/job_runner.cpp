@@ -11,6 +11,12 @@
 
 namespace anigen::studio {
 
+namespace {
+
+constexpr std::size_t kMostStages = 100;
+
+}  // namespace
+
 JobRunner::JobRunner(JobStore& store, Work work, std::size_t most_queued)
     : store_(store), work_(std::move(work)), most_queued_(most_queued) {
   for (const JobRecord& record : store_.list())
@@ -32,18 +38,27 @@ void JobRunner::stop() {
   threads_.clear();
 }
 
-std::optional<JobRecord> JobRunner::submit(JobRecord record, const std::string& extension, std::string_view input) {
+bool JobRunner::has_place() const {
+  std::size_t waiting = arriving_;
+  for (const auto& queue : queues_) waiting += queue.size();
+  return !stopping_ && waiting < most_queued_;
+}
+
+bool JobRunner::accepts() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return has_place();
+}
+
+std::optional<JobRecord> JobRunner::submit(JobRecord record, const std::vector<InputFile>& files) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    std::size_t waiting = arriving_;
-    for (const auto& queue : queues_) waiting += queue.size();
-    if (stopping_ || waiting >= most_queued_) return std::nullopt;
+    if (!has_place()) return std::nullopt;
     ++arriving_;
   }
   std::exception_ptr failure;
   JobRecord created;
   try {
-    created = store_.create(std::move(record), extension, input);
+    created = store_.create(std::move(record), files);
   } catch (...) {
     failure = std::current_exception();
   }
@@ -58,35 +73,56 @@ std::optional<JobRecord> JobRunner::submit(JobRecord record, const std::string& 
 }
 
 bool JobRunner::cancel(const std::string& id) {
+  bool runs = false, waits = false;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto running = running_.find(id);
     if (running != running_.end()) {
-      running->second.cancelled = true;
+      runs = running->second.cancelled = true;
       if (running->second.job != nullptr) running->second.job->cancel();
-      return true;
     }
-    bool waited = false;
     for (auto& queue : queues_) {
       const auto place = std::find(queue.begin(), queue.end(), id);
       if (place == queue.end()) continue;
       queue.erase(place);
-      waited = true;
+      waits = true;
     }
-    if (!waited) return false;
   }
-  store_.update(id, [](JobRecord& record) {
+  if (!runs && !waits) return false;
+  bool ended = false;  // on disk, while its thread has not yet taken it from those that run
+  // On disk, too, so that a studio that crashes meanwhile does not begin it again.
+  store_.update(id, [&](JobRecord& record) {
+    ended = has_ended(record.state);
+    if (ended) return;
+    record.cancelling = runs;
+    if (runs) return;
     record.state = JobState::kCancelled;
     record.ended = seconds_now();
   });
-  return true;
+  return !ended;
 }
 
 std::optional<JobRunner::Progress> JobRunner::progress(const std::string& id) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   const auto found = running_.find(id);
   if (found == running_.end()) return std::nullopt;
-  return found->second.progress;
+  const Running& running = found->second;
+  Progress progress;
+  if (!running.stages.empty()) progress.stage = running.stages.back().first;
+  progress.fraction = running.fraction;
+  if (running.alike)
+    progress.seconds_left =
+        seconds_left(*running.alike, running.stages, running.fraction, seconds_now() - running.started);
+  return progress;
+}
+
+void JobRunner::note(const std::string& id, const std::string& stage, double fraction) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  Running& running = running_[id];
+  running.fraction = fraction;
+  const bool goes_on = !running.stages.empty() && running.stages.back().first == stage;
+  if (!goes_on && running.stages.size() < kMostStages)
+    running.stages.emplace_back(stage, seconds_now() - running.started);
 }
 
 void JobRunner::work_through(Lane lane) {
@@ -112,21 +148,22 @@ void JobRunner::work_through(Lane lane) {
 }
 
 void JobRunner::run(const std::string& id) {
-  Job job([this, &id](const std::string& stage, double fraction) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    running_[id].progress = {stage, fraction};
-  });
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    running_[id].job = &job;
-    if (stopping_ || running_[id].cancelled) job.cancel();
-  }
+  Job job([this, &id](const std::string& stage, double fraction) { note(id, as_utf8(stage), fraction); });
   const std::optional<JobRecord> begun = store_.update(id, [](JobRecord& record) {
     record.state = JobState::kRunning;
     record.started = seconds_now();
     ++record.starts;
   });
   JobRecord outcome = begun.value();
+  std::optional<Timeline> alike = timeline_alike(store_.list(), outcome);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    Running& running = running_[id];
+    running.job = &job;
+    running.started = outcome.started;
+    running.alike = std::move(alike);
+    if (stopping_ || running.cancelled) job.cancel();
+  }
   try {
     work_(store_.folder(id), job, outcome);
     outcome.state = JobState::kDone;
@@ -150,7 +187,10 @@ void JobRunner::run(const std::string& id) {
 void JobRunner::finish(const std::string& id, const JobRecord& outcome) {
   store_.update(id, [&](JobRecord& record) {
     record = outcome;
+    record.cancelling = false;
     if (has_ended(record.state)) record.ended = seconds_now();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    record.stages = running_[id].stages;
   });
   const std::lock_guard<std::mutex> lock(mutex_);
   running_.erase(id);

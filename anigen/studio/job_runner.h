@@ -9,17 +9,17 @@
 #include <mutex>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/job.h"
 #include "anigen/studio/job_store.h"
+#include "anigen/studio/time_left.h"
 
 namespace anigen::studio {
 
-/// Runs the jobs of a store: those of images one by one, those of meshes one by one beside them, in the order they
-/// came.
+/// Runs the jobs of a store: generations one by one, all others one by one beside them, in the order they came.
 class JobRunner {
  public:
   /// Does one job: writes files into its folder, and note and result into the record.
@@ -27,7 +27,8 @@ class JobRunner {
 
   struct Progress {
     std::string stage;
-    double fraction = 0.0;  ///< of the stage
+    double fraction = 0.0;               ///< of the stage
+    std::optional<double> seconds_left;  ///< nothing: not known
   };
 
   /// Starts the queued jobs of the store. @param store outlives the runner @param most_queued further ones are refused
@@ -37,7 +38,10 @@ class JobRunner {
   JobRunner& operator=(const JobRunner&) = delete;
 
   /// Accepts a job as JobStore::create() does. @return nothing when the queue is full @throws WriteError
-  std::optional<JobRecord> submit(JobRecord record, const std::string& extension, std::string_view input);
+  std::optional<JobRecord> submit(JobRecord record, const std::vector<InputFile>& files);
+  /// It takes a job now: it is not stopping, and its queue not full.
+  bool accepts() const;
+  std::size_t most_queued() const { return most_queued_; }
   /// Cancels a job that waits or runs, which ends at the next safe point. @return false when it has ended, or there is
   /// none
   bool cancel(const std::string& id);
@@ -53,10 +57,15 @@ class JobRunner {
   struct Running {
     Job* job = nullptr;      ///< null until its work begins
     bool cancelled = false;  ///< before that
-    Progress progress;
+    double started = 0.0;    ///< seconds since 1970
+    double fraction = 0.0;
+    std::vector<std::pair<std::string, double>> stages;  ///< as JobRecord::stages
+    std::optional<Timeline> alike;
   };
 
-  static Lane lane_of(const JobRecord& record) { return record.kind == "image" ? kImages : kMeshes; }
+  static Lane lane_of(const JobRecord& record) { return record.kind == "generation" ? kImages : kMeshes; }
+  bool has_place() const;
+  void note(const std::string& id, const std::string& stage, double fraction);
   void work_through(Lane lane);
   void run(const std::string& id);
   void finish(const std::string& id, const JobRecord& outcome);

@@ -44,23 +44,56 @@ std::size_t number_of(const std::string& id) {
 JobRecord damaged(const std::string& id, const std::string& problem) {
   JobRecord record;
   record.id = record.name = id;
-  record.kind = "mesh";
+  record.kind = "rig";
   record.state = JobState::kFailed;
   record.error = problem;
   return record;
 }
 
+std::map<std::string, std::string> parse_texts(ConfigReader& reader, const std::string& key) {
+  try {
+    const Json* json = reader.raw(key);
+    return json == nullptr ? std::map<std::string, std::string>() : json->get<std::map<std::string, std::string>>();
+  } catch (const Json::exception&) {
+    throw reader.error(key, "is no object of texts");
+  }
+}
+
+std::map<std::string, std::string> parse_inputs(ConfigReader& reader) {
+  std::map<std::string, std::string> inputs = parse_texts(reader, "inputs");
+  for (const auto& [part, name] : inputs) {
+    if (name.empty() || name != fs::path(name).filename())
+      throw reader.error("inputs", "\"" + name + "\" is no file of the job's folder");
+  }
+  if (inputs.count("file") == 0) throw reader.error("inputs", "has no \"file\"");
+  return inputs;
+}
+
+std::vector<std::pair<std::string, double>> parse_stages(const Json& json, const std::string& file) {
+  try {
+    return json.get<std::vector<std::pair<std::string, double>>>();
+  } catch (const Json::exception&) {
+    throw InputError(file, "/stages", "is no list of names and seconds");
+  }
+}
+
 /// Settles the state of a job that a studio left.
 void settle(JobRecord& record) {
   if (record.state != JobState::kRunning) return;
-  record.state = JobState::kQueued;
-  if (record.starts < JobStore::kMostStarts) return;
+  record.state = record.cancelling ? JobState::kCancelled : JobState::kQueued;
+  if (record.cancelling) record.ended = seconds_now();
+  if (record.cancelling || record.starts < JobStore::kMostStarts) return;
   record.state = JobState::kFailed;
   record.ended = seconds_now();
   record.error = "the studio ended " + std::to_string(record.starts) + " times while it worked on this; send it again";
 }
 
 }  // namespace
+
+const std::vector<std::string>& job_kinds() {
+  static const std::vector<std::string> kinds{"generation", "rig", "animation", "evaluation"};
+  return kinds;
+}
 
 const char* word(JobState state) {
   switch (state) {
@@ -80,6 +113,15 @@ const char* word(JobState state) {
 
 bool has_ended(JobState state) { return state != JobState::kQueued && state != JobState::kRunning; }
 
+void remove_leftovers(const fs::path& folder) {
+  std::error_code ignored;
+  fs::remove_all(folder / kScratchFolder, ignored);
+  std::vector<fs::path> unfinished;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored))
+    if (entry.path().filename().string().find(".tmp-") != std::string::npos) unfinished.push_back(entry.path());
+  for (const fs::path& file : unfinished) fs::remove_all(file, ignored);
+}
+
 double seconds_now() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
@@ -88,39 +130,48 @@ Json to_json(const JobRecord& record) {
   return {{"id", record.id},
           {"kind", record.kind},
           {"name", record.name},
-          {"input", record.input},
+          {"inputs", record.inputs},
+          {"names", record.names},
           {"options", record.options},
           {"group", record.group},
+          {"source", record.source},
           {"state", word(record.state)},
           {"note", record.note},
           {"error", record.error},
           {"starts", record.starts},
+          {"cancelling", record.cancelling},
           {"created", record.created},
           {"started", record.started},
           {"ended", record.ended},
-          {"result", record.result}};
+          {"result", record.result},
+          {"scores", record.scores},
+          {"stages", record.stages}};
 }
 
 JobRecord job_record_from_json(const Json& json, const std::string& file) {
   ConfigReader reader(json, file);
-  for (const char* key : {"id", "kind", "input", "state"}) reader.require(key);
+  for (const char* key : {"id", "kind", "inputs", "state"}) reader.require(key);
   JobRecord record;
   record.id = reader.text("id", "");
-  record.kind = reader.choice("kind", "mesh", {"image", "mesh"});
+  record.kind = reader.choice("kind", "rig", job_kinds());
   record.name = reader.text("name", "");
-  record.input = reader.text("input", "");
-  if (record.input != fs::path(record.input).filename())
-    throw InputError(file, "/input", "\"" + record.input + "\" is no file of the job's folder");
+  record.inputs = parse_inputs(reader);
+  record.names = parse_texts(reader, "names");
+  record.names.emplace("file", record.name);
   if (const Json* options = reader.raw("options")) record.options = *options;
   record.group = reader.text("group", "");
+  record.source = reader.text("source", "");
   record.state = parse_state(reader.text("state", ""), file);
   record.note = reader.text("note", "");
   record.error = reader.text("error", "");
   record.starts = static_cast<int>(reader.integer("starts", 0, 0, 1'000'000));
+  record.cancelling = reader.boolean("cancelling", false);
   record.created = reader.number("created", 0.0);
   record.started = reader.number("started", 0.0);
   record.ended = reader.number("ended", 0.0);
   if (const Json* result = reader.raw("result")) record.result = *result;
+  if (const Json* scores = reader.raw("scores")) record.scores = *scores;
+  if (const Json* stages = reader.raw("stages")) record.stages = parse_stages(*stages, file);
   return record;
 }
 
@@ -156,6 +207,7 @@ void JobStore::read_all() {
     }
     const JobState before = record.state;
     settle(record);
+    if (before == JobState::kRunning) remove_leftovers(entry.path());
     if (record.state != before) write(record);
     records_[id] = std::move(record);
   }
@@ -163,23 +215,51 @@ void JobStore::read_all() {
 
 void JobStore::write(const JobRecord& record) const { write_config(folder(record.id) / kRecordFile, to_json(record)); }
 
-JobRecord JobStore::create(JobRecord record, const std::string& extension, std::string_view input) {
+JobRecord JobStore::create(JobRecord record, const std::vector<InputFile>& files) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     record.id = id_of(next_++);
   }
-  record.input = "input" + extension;
+  for (const InputFile& file : files)
+    record.inputs[file.part] = "input" + (file.part == "file" ? "" : "_" + file.part) + file.extension;
   record.state = JobState::kQueued;
   record.created = seconds_now();
   const fs::path place = folder(record.id);
   try {
-    write_file_atomically(place / record.input, input);
+    for (const InputFile& file : files) write_file_atomically(place / record.inputs.at(file.part), file.bytes);
     write(record);  // from here on the job is accepted
   } catch (...) {
     std::error_code ignored;
     fs::remove_all(place, ignored);
     throw;
   }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  records_[record.id] = record;
+  return record;
+}
+
+JobRecord JobStore::adopt(const fs::path& from) {
+  const fs::path file = from / kRecordFile;
+  JobRecord record = job_record_from_json(parse_json(read_file(file, kLargestRecord), file.string()), file.string());
+  if (!has_ended(record.state)) throw InputError(file.string(), "/state", "the job has not ended");
+  const double later = seconds_now() - record.ended;
+  for (double* time : {&record.created, &record.started, &record.ended}) *time += later;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    record.id = id_of(next_++);
+  }
+  const fs::path place = folder(record.id);
+  std::error_code error;
+  fs::create_directories(place, error);
+  for (const fs::directory_entry& entry : fs::directory_iterator(from, error))
+    if (entry.is_regular_file() && entry.path().filename() != kRecordFile && !error)
+      fs::copy_file(entry.path(), place / entry.path().filename(), error);
+  if (error) {
+    std::error_code ignored;
+    fs::remove_all(place, ignored);
+    throw WriteError("cannot copy " + from.string() + " to " + place.string() + ": " + error.message());
+  }
+  write(record);
   const std::lock_guard<std::mutex> lock(mutex_);
   records_[record.id] = record;
   return record;

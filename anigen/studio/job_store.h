@@ -6,7 +6,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
-#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
@@ -21,19 +21,34 @@ const char* word(JobState state);
 /// Done, failed or cancelled.
 bool has_ended(JobState state);
 
+/// Kinds of jobs: "generation" of an image, "rig" of a mesh, "animation" and "evaluation" of a rig.
+const std::vector<std::string>& job_kinds();
+
+/// A file that a job is made of.
+struct InputFile {
+  std::string part;       ///< "file", "truth", "motion", …: for the work
+  std::string extension;  ///< such as ".glb"
+  std::string bytes;
+};
+
 /// One job as its job.json has it.
 struct JobRecord {
-  std::string id;     ///< "j000042": its folder's name
-  std::string kind;   ///< "image" or "mesh"
-  std::string name;   ///< of the uploaded file, for people
-  std::string input;  ///< file of the folder that holds the upload
+  std::string id;                             ///< "j000042": its folder's name
+  std::string kind;                           ///< one of job_kinds()
+  std::string name;                           ///< of the uploaded file, for people
+  std::map<std::string, std::string> inputs;  ///< files of the folder, by InputFile::part
+  std::map<std::string, std::string> names;   ///< of these files, for people
   Json options = Json::object();
-  std::string group;  ///< job that this one is compared with; empty: none
+  std::string group;   ///< job that this one is compared with; empty: none
+  std::string source;  ///< job whose result this one was made of; empty: none
   JobState state = JobState::kQueued;
-  std::string note, error;                           ///< how the rig came about; why it failed
-  int starts = 0;                                    ///< how often its work began
-  double created = 0.0, started = 0.0, ended = 0.0;  ///< seconds since 1970; 0: not yet
-  Json result = Json::object();                      ///< figures of the rig, for the page
+  std::string note, error;                             ///< how the rig came about; why it failed
+  int starts = 0;                                      ///< how often its work began
+  bool cancelling = false;                             ///< it runs, and is to be cancelled
+  double created = 0.0, started = 0.0, ended = 0.0;    ///< seconds since 1970; 0: not yet
+  Json result = Json::object();                        ///< figures of the rig, for the page
+  Json scores = Json::object();                        ///< of an evaluation: values, not_computed, notes
+  std::vector<std::pair<std::string, double>> stages;  ///< each with its begin, in seconds after `started`
 };
 
 Json to_json(const JobRecord& record);
@@ -45,17 +60,20 @@ JobRecord job_record_from_json(const Json& json, const std::string& file);
 class JobStore {
  public:
   /// Reads the jobs of a folder, which is created where there is none. Jobs that were running count as queued again;
-  /// those that began `kMostStarts` times and never ended have failed. A folder without job.json was never accepted and
-  /// is removed; one with a damaged job.json is kept and listed as failed.
+  /// those that began `kMostStarts` times and never ended have failed, those that were being cancelled are. A folder
+  /// without job.json was never accepted and is removed; one with a damaged job.json is kept and listed as failed.
   /// @throws InputError when another process uses the folder; WriteError
   explicit JobStore(const std::filesystem::path& folder);
 
   static constexpr int kMostStarts = 2;
 
   /// Writes a new job; when it returns, the job survives a crash.
-  /// @param record with kind, name, options and group @param extension of the input file, such as ".glb"
-  /// @throws WriteError
-  JobRecord create(JobRecord record, const std::string& extension, std::string_view input);
+  /// @param record with kind, name, options, group and source @param files with "file" among them @throws WriteError
+  JobRecord create(JobRecord record, const std::vector<InputFile>& files);
+
+  /// Takes over a copy of a job that ended in another store, as if it had ended now. @param folder of that job
+  /// @throws InputError for a folder that holds no such job; WriteError
+  JobRecord adopt(const std::filesystem::path& folder);
 
   std::optional<JobRecord> find(const std::string& id) const;
   /// All jobs, the oldest first.
@@ -78,6 +96,12 @@ class JobStore {
   std::map<std::string, JobRecord> records_;
   std::size_t next_ = 1;
 };
+
+/// Folder in that of a job, for temporary files of its work.
+inline constexpr const char* kScratchFolder = "scratch";
+
+/// Removes what a process that was killed left in the folder of its job: temporary and unfinished files.
+void remove_leftovers(const std::filesystem::path& folder);
 
 /// Seconds since 1970.
 double seconds_now();

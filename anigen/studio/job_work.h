@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "anigen/core/job.h"
@@ -15,17 +16,22 @@ inline constexpr const char* kRiggedFile = "rigged.glb";
 inline constexpr const char* kPreviewFile = "preview.png";
 /// The rig after its joints were edited (rebind.h).
 inline constexpr const char* kEditedFile = "edited.glb";
+/// Voxels of a generation, as engine::Generated has them.
+inline constexpr const char* kVoxelsFile = "voxels.npz";
+/// Pictures of a generation, each a PNG of this name, as they come.
+inline constexpr const char* kPictures[] = {"mask", "normals", "voxels", "votes"};
 
-/// Does jobs by the engine: an image becomes a rigged asset by a generator that stays loaded, a mesh gets a rig; both
-/// get motions, a preview and figures.
+/// Does jobs by the engine: an image becomes a rigged asset by a generator that stays loaded, a mesh gets a rig, a rig
+/// gets motions, all with a preview and figures; a rig and its truth get scores.
 class JobWork {
  public:
-  /// Writes the files of the job into its folder, and note and result into `record`. Images one at a time.
+  /// Writes the files of the job into its folder, and note, result and scores into `record`. Generations one at a time.
   /// @throws InputError, Error as the engine does; Interrupted; WriteError
   void run(const std::filesystem::path& folder, Job& job, JobRecord& record);
 
  private:
-  Asset rigged(const std::filesystem::path& folder, const JobOptions& options, Job& job, JobRecord& record);
+  std::optional<Asset> generated(const std::filesystem::path& folder, const JobOptions& options, Job& job,
+                                 JobRecord& record);
 
   std::unique_ptr<engine::Generator> generator_;
 };

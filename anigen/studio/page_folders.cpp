@@ -25,6 +25,29 @@ std::vector<fs::path> upwards(fs::path folder) {
   }
 }
 
+/// An npm package that has these files: beside the page, else as Node would find it.
+fs::path find_package(const fs::path& page, const std::string& name, const std::vector<std::string>& files) {
+  if (page.empty()) return {};
+  std::vector<fs::path> places{page / name};
+  for (const fs::path& folder : upwards(page)) {
+    places.push_back(folder / "node_modules" / name);
+    places.push_back(folder / ".cache/node/node_modules" / name);
+  }
+  if (const char* listed = std::getenv("NODE_PATH")) {
+    const std::string paths = listed;
+    for (std::size_t begin = 0; begin <= paths.size();) {
+      const std::size_t end = std::min(paths.find(':', begin), paths.size());
+      if (end > begin) places.push_back(fs::path(paths.substr(begin, end - begin)) / name);
+      begin = end + 1;
+    }
+  }
+  const auto whole = [&](const fs::path& place) {
+    return std::all_of(files.begin(), files.end(), [&](const std::string& file) { return has(place / file); });
+  };
+  const auto found = std::find_if(places.begin(), places.end(), whole);
+  return found == places.end() ? fs::path() : *found;
+}
+
 }  // namespace
 
 fs::path find_page(const fs::path& program) {
@@ -38,22 +61,17 @@ fs::path find_page(const fs::path& program) {
 }
 
 fs::path find_three(const fs::path& page) {
+  return find_package(page, "three", {"build/three.module.js", "examples/jsm/loaders/GLTFLoader.js"});
+}
+
+fs::path find_validator(const fs::path& page) {
+  return find_package(page, "gltf-validator", {"gltf_validator.dart.js"});
+}
+
+fs::path find_openapi(const fs::path& page) {
   if (page.empty()) return {};
-  std::vector<fs::path> places{page / "three"};
-  for (const fs::path& folder : upwards(page)) {
-    places.push_back(folder / "node_modules/three");
-    places.push_back(folder / ".cache/node/node_modules/three");
-  }
-  if (const char* listed = std::getenv("NODE_PATH")) {
-    const std::string paths = listed;
-    for (std::size_t begin = 0; begin <= paths.size();) {
-      const std::size_t end = std::min(paths.find(':', begin), paths.size());
-      if (end > begin) places.push_back(fs::path(paths.substr(begin, end - begin)) / "three");
-      begin = end + 1;
-    }
-  }
-  for (const fs::path& place : places)
-    if (has(place / "build/three.module.js") && has(place / "examples/jsm/loaders/GLTFLoader.js")) return place;
+  for (const fs::path& folder : {page, page.parent_path()})
+    if (has(folder / "openapi.json")) return folder / "openapi.json";
   return {};
 }
 

@@ -2,9 +2,11 @@
 
 #include <httplib.h>
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <exception>
+#include <memory>
 #include <new>
-#include <regex>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -12,7 +14,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
-#include "anigen/core/process.h"
+#include "anigen/core/text.h"
 #include "anigen/core/version.h"
 #include "anigen/engine/animate.h"
 #include "anigen/engine/rig.h"
@@ -25,8 +27,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kConnections = 16;
+constexpr std::size_t kConnections = 32;
+constexpr int kStreams = 16;  // of those, the ones that may watch jobs
 constexpr int kSeconds = 10;  // without a byte, after which a connection is closed
+constexpr std::chrono::milliseconds kLook{100};
+constexpr std::chrono::seconds kHeartbeat{15};
 
 using Respond = std::function<Reply(const httplib::Request&)>;
 
@@ -71,16 +76,62 @@ httplib::Server::Handler handler(Respond respond) {
 
 std::string id_of(const httplib::Request& request) { return request.matches[1]; }
 
-/// A part of a form that holds a file.
-Upload upload_of(const httplib::Request& request, const std::string& part) {
+Form form_of(const httplib::Request& request) {
   if (!request.is_multipart_form_data()) throw RequestError(415, "send multipart/form-data");
-  if (!request.has_file(part)) throw RequestError(400, "the form has no part \"" + part + "\"");
-  const auto file = request.get_file_value(part);
-  return {file.filename, file.content};
+  Form form;
+  for (const auto& [part, file] : request.files) form.try_emplace(part, Upload{file.filename, file.content});
+  return form;
 }
 
-std::string field_of(const httplib::Request& request, const std::string& part) {
-  return request.has_file(part) ? request.get_file_value(part).content : std::string();
+/// Server-sent events of a job, for one client.
+class EventStream {
+ public:
+  EventStream(const Api& api, std::string id) : api_(api), id_(std::move(id)) {}
+
+  /// Sends what has changed, else waits a little. @return false when the client is gone
+  bool go_on(httplib::DataSink& sink) {
+    if (ended_) {
+      sink.done();
+      return true;
+    }
+    Api::Event event;
+    try {
+      event = api_.event(id_);
+    } catch (const RequestError&) {  // it was removed
+      ended_ = true;
+      return true;
+    }
+    ended_ = event.ended;
+    if (event.data != last_) return send(sink, "event: job\ndata: " + (last_ = std::move(event.data)) + "\n\n");
+    if (std::chrono::steady_clock::now() - sent_ > kHeartbeat) return send(sink, ": \n\n");
+    if (!ended_) std::this_thread::sleep_for(kLook);
+    return true;
+  }
+
+ private:
+  bool send(httplib::DataSink& sink, const std::string& text) {
+    sent_ = std::chrono::steady_clock::now();
+    return sink.write(text.data(), text.size());
+  }
+
+  const Api& api_;
+  std::string id_, last_;
+  std::chrono::steady_clock::time_point sent_ = std::chrono::steady_clock::now();
+  bool ended_ = false;
+};
+
+httplib::ContentProviderWithoutLength events_of(const Api& api, const std::string& id) {
+  return [stream = std::make_shared<EventStream>(api, id)](std::size_t, httplib::DataSink& sink) {
+    return stream->go_on(sink);
+  };
+}
+
+/// "/v1/jobs/{id}/files/{name}" as a regular expression.
+std::string pattern_of(const std::string& path) {
+  std::string pattern = path;
+  replace_all(pattern, "{id}", "([a-z0-9]+)");
+  replace_all(pattern, "{name}", "([a-z.]+)");
+  return pattern;
 }
 
 Reply file_reply(const fs::path& file, const std::string& type) {
@@ -136,6 +187,7 @@ class Server::Work {
 
   int port() const { return port_; }
   const ServerOptions& options() const { return options_; }
+  const std::vector<std::pair<std::string, std::string>>& routes() const { return routes_; }
 
  private:
   void set_limits() {
@@ -202,71 +254,108 @@ class Server::Work {
     });
     server_.set_exception_handler([](const httplib::Request&, httplib::Response& response, std::exception_ptr problem) {
       try {
-        std::rethrow_exception(problem);
+        std::rethrow_exception(std::move(problem));
       } catch (...) {
         set_failure(response);
       }
     });
   }
 
-  void get(const std::string& pattern, Respond respond) { server_.Get(pattern, handler(std::move(respond))); }
-  void post(const std::string& pattern, Respond respond) { server_.Post(pattern, handler(std::move(respond))); }
+  void add(const std::string& method, const std::string& path, Respond respond) {
+    const std::string pattern = pattern_of(path);
+    routes_.emplace_back(method, path);
+    const httplib::Server::Handler handle = handler(std::move(respond));
+    if (method == "GET") server_.Get(pattern, handle);
+    if (method == "POST") server_.Post(pattern, handle);
+    if (method == "DELETE") server_.Delete(pattern, handle);
+  }
 
   void add_job_routes(Api& api) {
-    const std::string job = "/api/jobs/([a-z0-9]+)";
-    get("/api/jobs", [&api](const auto&) { return api.list(); });
-    get(job, [&api](const auto& request) { return api.show(id_of(request)); });
-    get(job + "/files/([a-z.]+)", [&api](const auto& request) { return api.file(id_of(request), request.matches[2]); });
-    post("/api/jobs",
-         [&api](const auto& request) { return api.submit(upload_of(request, "file"), field_of(request, "options")); });
-    post(job + "/cancel", [&api](const auto& request) { return api.cancel(id_of(request)); });
-    post(job + "/rebind", [&api](const auto& request) { return api.rebind(id_of(request), request.body); });
-    post(job + "/lint", [&api](const auto& request) { return api.lint(id_of(request)); });
-    post(job + "/compare", [&api](const auto& request) { return api.compare(id_of(request), request.body); });
-    post("/api/evaluate",
-         [&api](const auto& request) { return api.evaluate(field_of(request, "job"), upload_of(request, "truth")); });
-    server_.Delete(job, handler([&api](const auto& request) { return api.remove(id_of(request)); }));
-    get("/health", [](const auto&) {
+    const std::string job = "/v1/jobs/{id}";
+    for (const std::string& kind : job_kinds()) {
+      add("POST", "/v1/3d/" + kind + "s",
+          [&api, kind](const auto& request) { return api.submit(kind, form_of(request)); });
+    }
+    add("GET", "/v1/jobs", [&api](const auto&) { return api.list(); });
+    add("GET", job, [&api](const auto& request) { return api.show(id_of(request)); });
+    add("DELETE", job, [&api](const auto& request) { return api.end(id_of(request)); });
+    add_events(api, job + "/events");
+    add("GET", job + "/files/{name}",
+        [&api](const auto& request) { return api.file(id_of(request), request.matches[2]); });
+    add("POST", job + "/rebind", [&api](const auto& request) { return api.rebind(id_of(request), request.body); });
+    add("POST", job + "/rename", [&api](const auto& request) { return api.rename(id_of(request), request.body); });
+    add("POST", job + "/lint", [&api](const auto& request) { return api.lint(id_of(request)); });
+    add("POST", job + "/compare", [&api](const auto& request) { return api.compare(id_of(request), request.body); });
+    add("GET", "/health", [](const auto&) {
       Reply reply;
       reply.body = R"({"status": "ok"})";
       return reply;
     });
-    get("/metrics", [&api](const auto&) { return api.metrics(); });
-    get("/api/studio", [this](const auto&) {
+    add("GET", "/ready", [&api](const auto&) { return api.ready(); });
+    add("GET", "/metrics", [&api](const auto&) { return api.metrics(); });
+    add("GET", "/openapi.json", [this](const auto&) { return file_reply(options_.openapi, "application/json"); });
+    add("GET", "/v1/studio", [this, &api](const auto&) {
       Reply reply;
       reply.body = Json{{"version", named_version()},
                         {"three", !options_.three.empty()},
+                        {"validator", !options_.validator.empty()},
                         {"gallery", gallery_names(options_.gallery)},
                         {"methods", rig_methods()},
-                        {"templates", engine::template_words()},
+                        {"species", engine::template_words()},
                         {"motions", engine::motion_words()},
-                        {"most_bytes", options_.most_bytes}}
+                        {"names", name_presets()},
+                        {"limits",
+                         {{"bytes", options_.most_bytes},
+                          {"queued", api.most_queued()},
+                          {"job_memory", options_.job_gigabytes},
+                          {"job_minutes", options_.job_minutes}}}}
                        .dump();
       return reply;
+    });
+  }
+
+  void add_events(const Api& api, const std::string& path) {
+    routes_.emplace_back("GET", path);
+    server_.Get(pattern_of(path), [this, &api](const httplib::Request& request, httplib::Response& response) {
+      try {
+        const std::string id = id_of(request);
+        api.event(id);
+        if (++streams_ > kStreams) {
+          --streams_;
+          throw RequestError(503, "too many clients watch jobs; ask for the job itself");
+        }
+        response.set_chunked_content_provider("text/event-stream", events_of(api, id), [this](bool) { --streams_; });
+      } catch (...) {
+        set_failure(response);
+      }
     });
   }
 
   /// Files below `folder` of names that cannot leave it.
   void add_folder(const std::string& pattern, const fs::path& folder) {
     if (folder.empty()) return;
-    get(pattern, [folder](const auto& request) {
-      const std::string name = request.matches[1];
-      if (name.find("..") != std::string::npos) throw RequestError(404, "there is no such page");
-      return file_reply(folder / name, type_of(name));
-    });
+    server_.Get(pattern, handler([folder](const auto& request) {
+                  const std::string name = request.matches[1];
+                  if (name.find("..") != std::string::npos) throw RequestError(404, "there is no such page");
+                  return file_reply(folder / name, type_of(name));
+                }));
   }
 
   void add_pages() {
     if (options_.page.empty()) return;
-    get("/", [this](const auto&) { return file_reply(options_.page / "index.html", type_of("index.html")); });
+    server_.Get(
+        "/", handler([this](const auto&) { return file_reply(options_.page / "index.html", type_of("index.html")); }));
     add_folder("/([a-z_]+\\.(?:js|css))", options_.page);
     add_folder("/gallery/([A-Za-z0-9_-]+\\.png)", options_.gallery);
     add_folder("/three/((?:build|examples/jsm)/[A-Za-z0-9_./-]+\\.js)", options_.three);
+    add_folder("/gltf-validator/(gltf_validator\\.dart\\.js)", options_.validator);
   }
 
   ServerOptions options_;
   Access access_;
   httplib::Server server_;
+  std::vector<std::pair<std::string, std::string>> routes_;
+  std::atomic<int> streams_{0};
   int port_ = 0;
   std::thread thread_;
 };
@@ -275,6 +364,8 @@ Server::Server(Api& api, const ServerOptions& options) : work_(std::make_unique<
 Server::~Server() = default;
 
 int Server::port() const { return work_->port(); }
+
+std::vector<std::pair<std::string, std::string>> Server::routes() const { return work_->routes(); }
 
 std::string Server::address() const {
   const std::string& host = work_->options().host;

@@ -3,6 +3,8 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "anigen/studio/api.h"
 
@@ -13,9 +15,12 @@ struct ServerOptions {
   int port = 0;                                     ///< 0: any that is free
   std::string token;                                ///< that requests must carry (Access); empty: none
   std::size_t most_bytes = std::size_t{128} << 20;  ///< of a request
+  double job_gigabytes = 0.0, job_minutes = 0.0;    ///< limits of a job, to be told; 0: not known
   std::filesystem::path page;                       ///< folder of index.html; empty: no page
-  std::filesystem::path three;    ///< folder of the npm package "three"; empty: the page has no 3D view
-  std::filesystem::path gallery;  ///< folder of example images (*.png); empty: none
+  std::filesystem::path three;      ///< folder of the npm package "three"; empty: the page has no 3D view
+  std::filesystem::path validator;  ///< folder of the npm package "gltf-validator"; empty: the page has no verdict
+  std::filesystem::path gallery;    ///< folder of example images (*.png); empty: none
+  std::filesystem::path openapi;    ///< file of /openapi.json; empty: none
 };
 
 /// The HTTP server of the studio: routes of docs/studio.md. A request that is refused gets {"error": …}.
@@ -28,6 +33,8 @@ class Server {
   Server& operator=(const Server&) = delete;
 
   int port() const;
+  /// Routes beside the page's files: method and path as openapi.json has them, such as {"GET", "/v1/jobs/{id}"}.
+  std::vector<std::pair<std::string, std::string>> routes() const;
   std::string address() const;  ///< "http://127.0.0.1:8080/", with "?token=…" where one is asked for
   /// Takes no more requests, and waits for those that are being answered.
   void stop();
@@ -43,6 +50,10 @@ std::filesystem::path find_page(const std::filesystem::path& program);
 /// Folder of three.js: "three" of the page's folder, else the npm package as Node would find it from the page on, also
 /// in .cache/node, else in $NODE_PATH.
 std::filesystem::path find_three(const std::filesystem::path& page);
+/// Folder of npm's gltf-validator, likewise.
+std::filesystem::path find_validator(const std::filesystem::path& page);
+/// The file openapi.json: in the page's folder, else above it, as in the checkout.
+std::filesystem::path find_openapi(const std::filesystem::path& page);
 /// Folder of example images: "gallery" of the page's folder, else examples/creatures of the checkout.
 std::filesystem::path find_gallery(const std::filesystem::path& page);
 

@@ -1,27 +1,21 @@
-// Joints that can be moved, added, deleted, mirrored and renamed, with undo; the server binds the weights again.
+// Joints and weights that can be changed, with undo for everything; the studio binds the weights again. What is edited is a
+// list of joints and a list of brush strokes, and every step back restores both.
 import * as THREE from 'three';
 import {TransformControls} from 'three/addons/controls/TransformControls.js';
 
+import {JointDrag} from '/joint_drag.js';
+import * as edits from '/joint_edits.js';
 import {SkeletonLines} from '/viewer.js';
 
-const kReach = 22;      // CSS pixels from a joint within which a tap chooses it
 const kMostUndo = 200;
-
-// The name of the joint on the other side: "arm_L" and "arm_R", "LeftArm" and "RightArm"; else with a word behind.
-export function otherSide(name) {
-  const pairs = [[/_L$/, '_R'], [/_R$/, '_L'], [/\.L$/, '.R'], [/\.R$/, '.L'], [/Left/, 'Right'], [/Right/, 'Left'],
-                 [/left/, 'right'], [/right/, 'left']];
-  for (const [from, to] of pairs) if (from.test(name)) return name.replace(from, to);
-  return name + '_mirrored';
-}
 
 export class RigEditor {
   // changed(): joints or choice differ; moving(): a joint is being dragged; dropped(): it was let go.
   constructor(stage, {changed, moving, dropped}) {
-    this.stage = stage;
-    this.changed = changed;
-    this.dropped = dropped;
+    Object.assign(this, {stage, changed, moving, dropped});
     this.active = false;
+    this.painting = false;  // presses are the brush's
+    this.snaps = true;      // joints go to the middle of the mesh under the cursor
     this.handle = new THREE.Object3D();
     this.gizmo = new TransformControls(stage.camera, stage.renderer.domElement);
     this.gizmo.setSize(0.8);
@@ -31,31 +25,55 @@ export class RigEditor {
       this.dropped();
     });
     this.gizmo.addEventListener('objectChange', () => {
-      if (this.chosen < 0) return;
-      this.joints[this.chosen].position = this.handle.position.toArray();
-      this.draw();
-      moving();
+      if (this.chosen >= 0) this.put(this.chosen, this.handle.position);
     });
     this.helper = this.gizmo.getHelper ? this.gizmo.getHelper() : this.gizmo;
-    stage.renderer.domElement.addEventListener('pointerdown', (event) => this.pick(event));
+    this.drag = new JointDrag(stage, {
+      active: () => this.active && !this.painting && !this.gizmo.dragging,
+      places: () => this.places(),
+      nearOnly: (j) => j === this.chosen || Boolean(this.gizmo.axis),
+      taken: (j) => this.take(j),
+      begun: () => this.remember(),
+      moved: (j, place, event) => {
+        const middle = this.snaps ? stage.middleOf(stage.rayAt(event)) : undefined;
+        this.handle.position.copy(middle ?? place);
+        this.put(j, this.handle.position);
+      },
+      dropped: () => this.dropped(),
+    });
   }
 
-  open() {
+  // before: snapshot of an earlier time with these joints, whose strokes go on
+  open(before) {
     this.active = true;
     this.stage.play(undefined);
     this.stage.model.updateMatrixWorld(true);
-    this.load(this.stage.joints());
-    this.undone = [];
+    this.joints = this.stage.joints().map((joint) => ({...joint, was: joint.name}));  // was: name in the rig as it was made
+    this.strokes = [];
+    this.kept = true;  // no joint was moved or added: the rig's own weights stay
+    this.continue(before);
     this.past = [];
+    this.undone = [];
+    this.merging = false;
     this.stage.scene.add(this.handle, this.helper);
     this.stage.setSolid(false);
     this.stage.lines.group.visible = false;
+    this.redraw();
     this.choose(-1);
+  }
+
+  continue(before) {
+    if (before === undefined) return;
+    const {joints, strokes, kept} = JSON.parse(before), named = (list) => list.map((joint) => joint.name).join('\n');
+    if (named(joints) !== named(this.joints)) return;
+    Object.assign(this, {strokes, kept});
+    this.joints.forEach((joint, j) => joint.was = joints[j].was);
   }
 
   close() {
     if (!this.active) return;
     this.active = false;
+    this.setPainting(false);
     this.gizmo.detach();
     this.stage.scene.remove(this.handle, this.helper);
     if (this.lines) this.stage.scene.remove(this.lines.group);
@@ -66,7 +84,7 @@ export class RigEditor {
     this.stage.showBones(this.stage.bonesShown);
   }
 
-  // The stage shows another rig of the same joints: its own lines stay hidden.
+  // The stage shows another rig of these joints: its own lines stay hidden.
   rebound() {
     this.stage.setSolid(false);
     this.stage.lines.group.visible = false;
@@ -76,54 +94,58 @@ export class RigEditor {
   // The weights of the chosen joint.
   paint() { this.stage.paint(this.joints[this.chosen]?.name); }
 
-  load(joints) {
-    this.joints = joints;
+  redraw() {
     if (this.lines) this.stage.scene.remove(this.lines.group), this.lines.dispose();
-    this.lines = new SkeletonLines(joints.map((joint) => joint.parent));
+    this.lines = new SkeletonLines(this.joints.map((joint) => joint.parent));
     this.stage.scene.add(this.lines.group);
-    this.chosen = Math.min(this.chosen ?? -1, joints.length - 1);
+    this.chosen = Math.min(this.chosen ?? -1, this.joints.length - 1);
     this.draw();
   }
 
   places() { return this.joints.map((joint) => new THREE.Vector3(...joint.position)); }
   draw() { this.lines.put(this.places(), this.chosen); }
+  onScreen() { return this.stage.onScreen(this.places()); }
 
   choose(joint) {
     this.chosen = joint;
-    if (joint < 0) {
-      this.gizmo.detach();
-    } else {
-      this.handle.position.set(...this.joints[joint].position);
-      this.gizmo.attach(this.handle);
-    }
+    if (joint >= 0) this.handle.position.set(...this.joints[joint].position);
+    if (joint >= 0 && !this.painting) this.gizmo.attach(this.handle);
+    else this.gizmo.detach();
     this.draw();
     this.paint();
     this.changed();
   }
 
-  // CSS pixels of every joint on the canvas.
-  onScreen() {
-    const {clientWidth, clientHeight} = this.stage.renderer.domElement;
-    this.stage.camera.updateMatrixWorld();
-    return this.places().map((place) => {
-      const p = place.project(this.stage.camera);
-      return [(p.x + 1) / 2 * clientWidth, (1 - p.y) / 2 * clientHeight];
-    });
+  // A press on a joint: chooses it, or merges it with the one that is chosen.
+  take(joint) {
+    if (!this.merging || joint === this.chosen) return void (joint !== this.chosen && this.choose(joint));
+    this.merging = false;
+    if (this.merge(joint)) this.dropped();
   }
 
-  pick(event) {
-    if (!this.active || this.gizmo.dragging || this.gizmo.axis) return;
-    const box = this.stage.renderer.domElement.getBoundingClientRect();
-    const at = [event.clientX - box.left, event.clientY - box.top];
-    const far = this.onScreen().map(([x, y]) => Math.hypot(x - at[0], y - at[1]));
-    const nearest = far.indexOf(Math.min(...far));
-    if (far[nearest] <= kReach && nearest !== this.chosen) this.choose(nearest);
+  put(joint, place) {
+    this.joints[joint].position = place.toArray();
+    this.kept = false;
+    this.draw();
+    this.moving();
   }
 
-  snapshot() { return JSON.stringify({joints: this.joints, chosen: this.chosen}); }
+  setPainting(painting) {
+    this.painting = painting;
+    if (!painting) this.unpainted?.();
+    if (this.active) this.choose(this.chosen);
+  }
+
+  // --- Undo ---
+
+  snapshot() {
+    const {joints, strokes, kept, chosen} = this;
+    return JSON.stringify({joints, strokes, kept, chosen});
+  }
   restore(text) {
-    const {joints, chosen} = JSON.parse(text);
-    this.load(joints);
+    const {chosen, ...rest} = JSON.parse(text);
+    Object.assign(this, rest);
+    this.redraw();
     this.choose(chosen);
   }
   remember() {
@@ -131,117 +153,81 @@ export class RigEditor {
     if (this.past.length > kMostUndo) this.past.shift();
     this.undone = [];
   }
-  undo() {
-    if (this.past.length === 0) return false;
-    this.undone.push(this.snapshot());
-    this.restore(this.past.pop());
-    return true;
-  }
-  redo() {
-    if (this.undone.length === 0) return false;
-    this.past.push(this.snapshot());
-    this.restore(this.undone.pop());
+  undo() { return this.step(this.past, this.undone); }
+  redo() { return this.step(this.undone, this.past); }
+  step(from, to) {
+    if (from.length === 0) return false;
+    to.push(this.snapshot());
+    this.restore(from.pop());
     return true;
   }
 
-  freeName(wanted) {
+  // --- Edits: false where they cannot be done ---
+
+  apply(edit) {
+    if (edit === undefined) return false;
+    this.remember();
+    this.joints = edit.joints;
+    this.kept &&= edit.keeps === true;
+    if (edit.renamed) this.renameStrokes(edit.renamed);
     const names = new Set(this.joints.map((joint) => joint.name));
-    if (!names.has(wanted)) return wanted;
-    for (let n = 2;; ++n) if (!names.has(`${wanted}_${n}`)) return `${wanted}_${n}`;
+    this.strokes = this.strokes.filter((stroke) => names.has(stroke.joint));
+    this.redraw();
+    this.choose(edit.chosen);
+    return true;
   }
+  renameStrokes(names) {
+    this.strokes = this.strokes.map((stroke) => ({...stroke, joint: names.get(stroke.joint) ?? stroke.joint}));
+  }
+
+  add() { return this.apply(edits.addedChild(this.joints, this.chosen, this.stage.size)); }
+  delete() { return this.apply(edits.deleted(this.joints, this.chosen)); }
+  mirror() { return this.apply(edits.mirrored(this.joints, this.chosen, this.stage.size)); }
+  merge(other) { return this.apply(edits.merged(this.joints, this.chosen, other)); }
 
   // Moves the chosen joint along the line of sight to the middle between front and back of the mesh, where it is seen.
   centre() {
     if (this.chosen < 0) return false;
-    const place = new THREE.Vector3(...this.joints[this.chosen].position), {ray, distances} = this.stage.crossings(place);
+    const place = this.handle.position.clone(), eye = this.stage.camera.position;
+    const ray = new THREE.Ray(eye.clone(), place.clone().sub(eye).normalize()), distances = this.stage.crossings(ray);
     let best;
     for (let i = 0; i + 1 < distances.length; i += 2) {
       const middle = ray.at((distances[i] + distances[i + 1]) / 2, new THREE.Vector3());
       if (best === undefined || middle.distanceTo(place) < best.distanceTo(place)) best = middle;
     }
-    if (best === undefined) return false;
+    return best !== undefined && this.moveTo(best);
+  }
+
+  // Moves the chosen joint in the plane of the screen. right, up: shares of the mesh's size
+  nudge(right, up) {
+    if (this.chosen < 0) return false;
+    const step = new THREE.Vector3(right, up, 0).multiplyScalar(this.stage.size).applyQuaternion(this.stage.camera.quaternion);
+    return this.moveTo(this.handle.position.clone().add(step));
+  }
+
+  moveTo(place) {
     this.remember();
-    this.joints[this.chosen].position = best.toArray();
+    this.joints[this.chosen].position = place.toArray();
+    this.kept = false;
     this.choose(this.chosen);
     return true;
   }
 
-  // A child of the chosen joint, in the direction of its bone.
-  add() {
-    if (this.chosen < 0) return false;
-    this.remember();
-    const joint = this.joints[this.chosen], place = new THREE.Vector3(...joint.position);
-    const from = joint.parent < 0 ? place.clone().sub(new THREE.Vector3(0, 0.1 * this.stage.size, 0))
-                                  : new THREE.Vector3(...this.joints[joint.parent].position);
-    const step = place.clone().sub(from).setLength(Math.max(0.03 * this.stage.size, 0.5 * place.distanceTo(from)));
-    const joints = [...this.joints, {name: this.freeName(joint.name + '_child'), parent: this.chosen,
-                                     position: place.add(step).toArray()}];
-    this.load(joints);
-    this.choose(joints.length - 1);
-    return true;
-  }
-
-  // Children go to the joint above; the root goes only where one child can take its place.
-  delete() {
-    const gone = this.chosen;
-    if (gone < 0 || this.joints.length === 1) return false;
-    const above = this.joints[gone].parent, children = this.joints.filter((joint) => joint.parent === gone);
-    if (above < 0 && children.length !== 1) return false;
-    this.remember();
-    const moved = (parent) => parent > gone ? parent - 1 : parent;
-    const joints = this.joints.filter((_, j) => j !== gone)
-                       .map((joint) => ({...joint, parent: joint.parent === gone ? moved(above) : moved(joint.parent)}));
-    this.load(joints);
-    this.choose(above < 0 ? joints.findIndex((joint) => joint.parent < 0) : moved(above));
-    return true;
-  }
-
-  // The chosen joint and all below it on the other side of the plane of constant x through the root. Joints of the
-  // other side's names move there; those that are missing are added.
-  mirror() {
-    if (this.chosen < 0) return false;
-    this.remember();
-    const joints = this.joints.map((joint) => ({...joint}));
-    const middle = joints.find((joint) => joint.parent < 0).position[0];
-    const below = (j) => j === this.chosen || (joints[j].parent >= 0 && below(joints[j].parent));
-    const twins = new Map();
-    for (const j of joints.keys()) {
-      if (j >= this.joints.length || !below(j)) continue;
-      const {name, position} = joints[j], there = [2 * middle - position[0], position[1], position[2]];
-      if (Math.abs(position[0] - middle) < 0.01 * this.stage.size) {
-        twins.set(j, j);  // in the middle: its own twin
-        continue;
-      }
-      const known = joints.findIndex((joint) => joint.name === otherSide(name));
-      twins.set(j, known);
-      if (known >= 0) {
-        joints[known].position = there;
-        continue;
-      }
-      twins.set(j, joints.length);
-      joints.push({name: otherSide(name), parent: -2, position: there, of: j});
-    }
-    for (const joint of joints) {
-      if (joint.of === undefined) continue;
-      const above = joints[joint.of].parent;
-      joint.parent = above < 0 ? joint.of : twins.get(above) ?? this.twinOf(joints, above);
-      delete joint.of;
-    }
-    const chosen = twins.get(this.chosen);
-    this.load(joints);
-    this.choose(chosen);
-    return true;
-  }
-  twinOf(joints, j) {
-    const twin = joints.findIndex((joint) => joint.name === otherSide(joints[j].name));
-    return twin >= 0 ? twin : j;
-  }
-
   rename(name) {
     if (this.chosen < 0 || name === '' || name === this.joints[this.chosen].name) return false;
-    this.remember();
-    this.joints[this.chosen].name = this.freeName(name);
-    this.changed();
+    const names = this.joints.map((joint) => joint.name);
+    names[this.chosen] = edits.freeName(this.joints, name);
+    this.renameAll(names);
     return true;
   }
+
+  // Another name for every joint.
+  renameAll(names) {
+    this.remember();
+    this.renameStrokes(new Map(this.joints.map((joint, j) => [joint.name, names[j]])));
+    this.joints = this.joints.map((joint, j) => ({...joint, name: names[j]}));
+    this.changed();
+  }
+
+  addStrokes(strokes) { this.strokes = [...this.strokes, ...strokes]; }
 }

@@ -3,12 +3,12 @@ import * as THREE from 'three';
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
 import {GLTFLoader} from 'three/addons/loaders/GLTFLoader.js';
 
+const kBothSides = new THREE.MeshBasicMaterial({side: THREE.DoubleSide});
 const kOver = {depthTest: false, transparent: true};
 const kCold = new THREE.Color(0xc6ccd4), kWarm = new THREE.Color(0xf2c230), kHot = new THREE.Color(0xc81e1e);
 
 // The loader takes dots and spaces out of names, and keeps the file's own beside.
-const nameOf = (bone) => bone.userData.name ?? bone.name;
-
+export const nameOf = (bone) => bone.userData.name ?? bone.name;
 
 function points(count, size, color) {
   const geometry = new THREE.BufferGeometry();
@@ -54,12 +54,14 @@ export class Stage {
   constructor(element) {
     this.element = element;
     this.renderer = new THREE.WebGLRenderer({antialias: true, preserveDrawingBuffer: true});
+    this.renderer.domElement.setAttribute('aria-label', '3D view: drag to turn, pinch or scroll to come closer');
+    this.renderer.domElement.tabIndex = 0;
     element.append(this.renderer.domElement);
     this.scene = new THREE.Scene();
     this.scene.background = new THREE.Color(0xeef0f2);
-    const sun = new THREE.DirectionalLight(0xffffff, 2);
+    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
     sun.position.set(1, 2, 3);
-    this.scene.add(sun, new THREE.HemisphereLight(0xffffff, 0x8090a0, 2.2));
+    this.scene.add(sun, new THREE.HemisphereLight(0xffffff, 0x8090a0, 1.9));
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.01, 100);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.playing = true;
@@ -100,6 +102,7 @@ export class Stage {
     this.mixer = new THREE.AnimationMixer(this.model);
     this.model.updateMatrixWorld(true);
     this.rest = this.places();
+    this.restTurns = this.bones.map(({position, quaternion, scale}) => [position.clone(), quaternion.clone(), scale.clone()]);
     if (!keepView) this.fit();
     this.lines.put(this.rest);
   }
@@ -129,15 +132,20 @@ export class Stage {
   }
 
   fit() {
-    const box = new THREE.Box3().setFromObject(this.model, true), center = box.getCenter(new THREE.Vector3());
+    const box = new THREE.Box3().setFromObject(this.model, true);
+    this.centre = box.getCenter(new THREE.Vector3());
     this.size = Math.max(1e-6, box.getSize(new THREE.Vector3()).length());
-    const far = 1.5 * this.size / Math.min(1, this.camera.aspect);
-    this.camera.position.copy(new THREE.Vector3(0.8, 0.45, 1).normalize().multiplyScalar(far)).add(center);
+    this.camera.position.copy(this.homeView(this.camera.aspect));
     this.camera.near = this.size / 200;
     this.camera.far = this.size * 40;
     this.camera.updateProjectionMatrix();
-    this.controls.target.copy(center);
+    this.controls.target.copy(this.centre);
     this.controls.update();
+  }
+
+  // Place of a camera of this aspect from which all is seen.
+  homeView(aspect) {
+    return new THREE.Vector3(0.8, 0.45, 1).setLength(1.5 * this.size / Math.min(1, aspect)).add(this.centre);
   }
 
   places() { return this.bones.map((bone) => bone.getWorldPosition(new THREE.Vector3())); }
@@ -151,6 +159,7 @@ export class Stage {
   // Plays a clip from its beginning; undefined: the rest pose.
   play(name) {
     this.mixer.stopAllAction();
+    this.rested();
     this.action = undefined;
     this.time = 0;
     const clip = this.clips.find((c) => c.name === name);
@@ -158,9 +167,27 @@ export class Stage {
     this.clip = clip;
   }
 
+  // Bones as the file has them.
+  rested() {
+    this.bones.forEach((bone, j) => {
+      const [position, quaternion, scale] = this.restTurns[j];
+      bone.position.copy(position), bone.quaternion.copy(quaternion), bone.scale.copy(scale);
+    });
+  }
+
   setTime(time) {
     this.time = time;
     if (this.action && this.clip.duration > 0) this.mixer.setTime(time % this.clip.duration);
+  }
+
+  // CSS pixels on the canvas of places in the scene.
+  onScreen(places) {
+    const {clientWidth, clientHeight} = this.renderer.domElement;
+    this.camera.updateMatrixWorld();
+    return places.map((place) => {
+      const p = place.clone().project(this.camera);
+      return [(p.x + 1) / 2 * clientWidth, (1 - p.y) / 2 * clientHeight];
+    });
   }
 
   showBones(shown) {
@@ -207,14 +234,33 @@ export class Stage {
     }
   }
 
-  // Distances from the camera at which the line of sight to a place crosses the surface, in order.
-  crossings(place) {
-    const ray = new THREE.Raycaster(this.camera.position, place.clone().sub(this.camera.position).normalize());
-    const sides = new Map(this.meshes.flatMap((mesh) => [mesh.material].flat()).map((material) => [material, material.side]));
-    for (const material of sides.keys()) material.side = THREE.DoubleSide;
-    const distances = ray.intersectObjects(this.meshes, false).map((hit) => hit.distance);
-    for (const [material, side] of sides) material.side = side;
-    return {ray: ray.ray, distances: distances.filter((d, i) => i === 0 || d - distances[i - 1] > 1e-6 * this.size)};
+  // The ray of sight through a place of the window, {clientX, clientY}.
+  rayAt({clientX, clientY}) {
+    const box = this.renderer.domElement.getBoundingClientRect();
+    const at = new THREE.Vector2(2 * (clientX - box.left) / box.width - 1, 1 - 2 * (clientY - box.top) / box.height);
+    const caster = new THREE.Raycaster();
+    this.camera.updateMatrixWorld();
+    caster.setFromCamera(at, this.camera);
+    return caster.ray;
+  }
+
+  // Distances along a ray at which it crosses the surface of the rest pose, in order.
+  crossings(ray) {
+    const caster = new THREE.Raycaster(ray.origin, ray.direction), hits = [];
+    for (const mesh of this.meshes) {
+      // The geometry of a skinned mesh is its rest pose in the scene; testing that is much faster than skinning it.
+      const solid = new THREE.Mesh(mesh.geometry, kBothSides);
+      if (!mesh.skeleton) solid.matrixWorld.copy(mesh.matrixWorld);
+      hits.push(...caster.intersectObject(solid, false));
+    }
+    const distances = hits.map((hit) => hit.distance).sort((a, b) => a - b);
+    return distances.filter((d, i) => i === 0 || d - distances[i - 1] > 1e-6 * this.size);
+  }
+
+  // Middle between the first entry of a ray into the mesh and the exit that follows; undefined where it misses.
+  middleOf(ray) {
+    const distances = this.crossings(ray);
+    return distances.length < 2 ? undefined : ray.at((distances[0] + distances[1]) / 2, new THREE.Vector3());
   }
 
   frame(now) {
@@ -223,9 +269,13 @@ export class Stage {
     if (!this.model || this.element.clientWidth === 0) return;
     if (this.playing && !this.clock) this.setTime(this.time + passed);
     if (this.clock) this.setTime(this.clock());
-    this.model.updateMatrixWorld(true);
-    if (this.lines.group.visible && this.action) this.lines.put(this.places());
     this.controls.update();
+    this.draw();
+  }
+
+  draw() {
+    this.model.updateMatrixWorld(true);
+    if (this.lines.group.visible) this.lines.put(this.places(), this.marked ?? -1);
     this.renderer.render(this.scene, this.camera);
   }
 }

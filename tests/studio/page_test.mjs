@@ -1,0 +1,82 @@
+// Parts of the page of anigen-studio that need no browser: edits of joints, and command lines of jobs.
+import assert from 'node:assert/strict';
+import {readFileSync} from 'node:fs';
+import path from 'node:path';
+import {fileURLToPath} from 'node:url';
+
+const page = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../../anigen/studio/page');
+const load = (name) => import('data:text/javascript,' + encodeURIComponent(readFileSync(path.join(page, name), 'utf8')));
+const {addedChild, deleted, freeName, merged, mirrored, otherSide} = await load('joint_edits.js');
+const {commandOf, settingsOf} = await load('commands.js');
+
+const joint = (name, parent, ...position) => ({name, parent, position});
+const body = () => [joint('root', -1, 0, 1, 0), joint('chest', 0, 0, 2, 0), joint('arm_L', 1, 1, 2, 0), joint('hand_L', 2, 2, 2, 0), joint('head', 1, 0, 3, 0)];
+const parentNames = (joints) => Object.fromEntries(joints.map(({name, parent}) => [name, parent < 0 ? '' : joints[parent].name]));
+
+// The name of the other side keeps its style.
+assert.equal(otherSide('arm_L'), 'arm_R');
+assert.equal(otherSide('RightArm'), 'LeftArm');
+assert.equal(otherSide('tail'), 'tail_mirrored');
+assert.equal(freeName(body(), 'chest'), 'chest_2');
+
+// A child goes on in the direction of its bone.
+{
+  const {joints, chosen} = addedChild(body(), 3, 4);
+  assert.deepEqual(joints[chosen], joint('hand_L_child', 3, 2.5, 2, 0));
+  assert.equal(addedChild(body(), -1, 4), undefined);
+  const [x, y, z] = addedChild([joint('only', -1, 0, 0, 0)], 0, 4).joints[1].position;
+  assert.ok(x === 0 && y > 0 && z === 0);
+}
+
+// Children of a deleted joint go to the one above; the root needs one child.
+{
+  const {joints, chosen} = deleted(body(), 1);
+  assert.deepEqual(parentNames(joints), {root: '', arm_L: 'root', hand_L: 'arm_L', head: 'root'});
+  assert.equal(joints[chosen].name, 'root');
+  assert.deepEqual(parentNames(deleted(body(), 0).joints), {chest: '', arm_L: 'chest', hand_L: 'arm_L', head: 'chest'});
+  assert.equal(deleted([joint('root', -1, 0, 0, 0), joint('a', 0, 1, 0, 0), joint('b', 0, 2, 0, 0)], 0), undefined);
+}
+
+// Two joints become one in the middle, whichever was chosen first; the one nearer to the root keeps its name.
+for (const [a, b] of [[1, 3], [3, 1]]) {
+  const {joints, chosen, renamed, keeps} = merged(body(), a, b);
+  assert.equal(keeps, false);  // the hand's parent is the arm
+  assert.deepEqual(parentNames(joints), {root: '', chest: 'root', arm_L: 'chest', head: 'chest'});
+  assert.deepEqual(joints[chosen], joint('chest', 0, 1, 2, 0));
+  assert.equal(renamed.get('hand_L'), 'chest');
+}
+assert.deepEqual(parentNames(merged(body(), 4, 2).joints), {root: '', chest: 'root', hand_L: 'head', head: 'chest'});
+assert.equal(merged(body(), 2, 3).keeps, true);
+assert.equal(merged(body(), 2, 2), undefined);
+
+// A joint that the other side lacks is added, under its twin or the same joint of the middle.
+{
+  const {joints, chosen} = mirrored(body(), 2, 4);
+  assert.equal(parentNames(joints).arm_R, 'chest');
+  assert.equal(parentNames(joints).hand_R, 'arm_R');
+  assert.deepEqual(joints[chosen].position, [-1, 2, 0]);
+  // Once more: what is there moves.
+  const moved = joints.map((one) => one.name === 'hand_L' ? {...one, position: [2, 5, 0]} : one), again = mirrored(moved, 2, 4);
+  assert.equal(again.joints.length, joints.length);
+  assert.deepEqual(again.joints.find((one) => one.name === 'hand_R').position, [-2, 5, 0]);
+}
+
+// Edits leave the list that they were given as it was.
+{
+  const before = body(), text = JSON.stringify(before);
+  for (const edit of [addedChild(before, 1, 4), deleted(before, 1), merged(before, 1, 2), mirrored(before, 1, 4)]) assert.ok(edit);
+  assert.equal(JSON.stringify(before), text);
+}
+// Command lines have the settings of the job, and words that a shell would split in quotes.
+assert.equal(commandOf({kind: 'generation', name: 'my deer.png', names: {file: 'my deer.png'}, options: {seed: 7, ss_steps: 9}}),
+             "anigen-generate 'my deer.png' --seed 7 --ss-steps 9 -o 'my deer'");
+assert.equal(commandOf({kind: 'generation', name: 'a.png', names: {mask: 'mask.png'}, options: {stop_at: 'voxels'}}),
+             'anigen-generate a.png --seed 42 --mask mask.png --stop-at voxels -o a');
+assert.equal(commandOf({kind: 'rig', name: "it's.obj", options: {method: 'auto', symmetric: true, templates: ['fox', 'horse'], keep_skeleton: false}}),
+             "anigen-rig 'it'\\''s.obj' --method auto --template fox --template horse --symmetric --new-skeleton -o 'it'\\''s_rigged.glb'");
+assert.equal(commandOf({kind: 'animation', name: 'fox.glb', names: {motion: 'run.bvh'}, options: {motions: ['idle'], travel: true}}),
+             'anigen-animate fox.glb --motion idle --motion run.bvh --travel --fps 24 -o fox_animated.glb');
+assert.equal(commandOf({kind: 'evaluation', name: 'fox.glb', names: {truth: 'true.glb'}, options: {}}),
+             'anigen-eval --pred fox.glb -d true.glb --metrics skeleton,transport,skin,surface -o fox_scores');
+assert.equal(settingsOf({kind: 'rig', options: {method: 'curve', joints: 20, symmetric: true}}), 'method curve, joints 20, symmetric');
+console.log('edits of joints and command lines: as they should be');
