@@ -53,7 +53,7 @@ printf 'broken' >"$work/in/three.glb"
 expect 1 "1 of 3 assets were not animated" anigen-animate "$work/in" -o "$work/out"
 expect 0 "three.glb" anigen-animate "$work/in" -o "$work/out" --keep-going
 
-# What cannot be done, and bad input.
+# Motions that cannot be done, and bad input.
 expect 2 "legs in pairs" anigen-animate "$work/post.glb" -o "$work/none.glb" --motion walk
 expect 2 "two arms" anigen-animate "$work/post.glb" -o "$work/none.glb" --pose T
 expect 2 "neither a file nor one of" anigen-animate "$work/post.glb" -o "$work/none.glb" --motion gallop

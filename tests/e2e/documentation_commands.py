@@ -17,7 +17,8 @@ import sys
 import tempfile
 
 PAGES = ["docs/getting_started.md", "docs/own_data.md", "docs/generation.md", "docs/rigging.md", "docs/engines.md",
-         "docs/animation.md", "docs/evaluation.md", "docs/experiments.md", "docs/mesh-health.md", "README.md"]
+         "docs/animation.md", "docs/evaluation.md", "docs/experiments.md", "docs/mesh-health.md", "docs/studio.md",
+         "docs/library.md", "README.md"]
 # The section whose commands make what the other pages start from.
 FIRST = ("docs/getting_started.md", "All stages by hand")
 
@@ -25,6 +26,8 @@ FIRST = ("docs/getting_started.md", "All stages by hand")
 CANNOT_RUN = [
     ("scripts/quickstart.sh", "installs packages and builds; e2e tests and .ci/run cover its experiment"),
     ("scripts/test.sh", "installs packages, builds and runs this test"),
+    ("scripts/build.sh release --programs", "compiles everything"),
+    ("cmake -", "e2e.installed_library installs, builds the examples against that and runs them"),
     ("xdg-open", "needs a desktop"),
     ("anigen-rig --method anymate --mesh rigs/ --skin-model bert-", "needs released weights"),
     ("anigen-eval --pred generated/ --dataset rigs/ --output results --lpips-weights", "needs VGG16's weights; vision tests use small ones"),
@@ -47,17 +50,28 @@ SMALLEST = [
      r"\1 {train} --set dataset.args.resolution=8 --set models.encoder.args.resolution=8"
      r" --set models.decoder.args.resolution=8"),
     ("anigen-train", r"(configs/tiny32/slat_flow\.json)", r"\1 {train} --set models.denoiser.args.resolution=8"),
+    ("anigen-generate", r"(examples/creatures/bird\.png)", r"\1 --ss-steps 2 --slat-steps 1"),
     ("anigen-generate", r" --ss-steps \d+ --slat-steps \d+", ""),
-    ("anigen-generate", r"(--slat-flow \S+)", r"\1 --ss-steps 1 --slat-steps 1 --texture-size 0 --threads 1"),
+    ("anigen-generate", r"(--slat-flow \S+)(?=.* --stop-at)", r"\1 --ss-steps 1 --threads 1"),
+    ("anigen-generate", r"(--slat-flow \S+)(?=.* --voxels)", r"\1 --slat-steps 1 --texture-size 0 --threads 1"),
+    ("anigen-generate", r"(--slat-flow \S+)(?!.* --(stop-at|voxels))",
+     r"\1 --ss-steps 1 --slat-steps 1 --texture-size 0 --threads 1"),
     ("anigen-eval", r"(--ss-flow \S+)", r"\1 --ss-steps 1 --retrieval-views 1"),
     ("anigen-eval", r"articulation_xlv2_test\.npz", "rigs/"),
     ("anigen-eval", r"dance\.glb#Samba", "dance.glb"),
     ("anigen-eval", r"--motion-frames \d+", "--motion-frames 2"),
-    ("anigen-eval", r"(--pred \S+=\S+ --dataset \S+)(?!.*--protocol)", r"\1 --surface-samples 100 --rotations 1"),
+    ("anigen-eval", r"--motion-images \d+", "--motion-images 1"),
+    ("anigen-eval", r"^(?!.*--protocol)(.*--pred .*)$", r"\1 --surface-samples 100 --rotations 1"),
+    ("anigen-eval", r"^(?!.*--(?:protocol|metrics))(.*--pred .*)$", r"\1 --image-size 64"),
     ("anigen-rig", r"body\.obj", "body.ply"),
     ("anigen-rig", r"(--method anymate .*--joint-model \S+)", r"\1 --points 64"),
     ("anigen-experiment", r"run experiments/ablation_adapters\.json(?! --dry-run)", "run smallest.json"),
     ("anigen-experiment", r"(status|report|clean) experiments/ablation_adapters\.json", r"\1 smallest.json"),
+    ("anigen-studio", r" --port \d+", ""),
+    # It serves until it is told to end. The address is its one line.
+    ("anigen-studio", r"^(anigen-studio.*)$",
+     r"\1 --quiet > address & timeout 60 bash -c 'until grep -q ^http://127.0.0.1: address; do sleep 0.1; done';"
+     r" kill -TERM $! && wait $!"),
     ("", r"~/\.local/share/bash-completion/completions/", ""),
     ("", r"&& man \./(\S+)", r"&& test -s \1"),
 ]
@@ -234,6 +248,8 @@ def main():
     source, programs = pathlib.Path(sys.argv[1]).resolve(), pathlib.Path(sys.argv[2]).resolve()
     if not (programs / "anigen-mesh").exists():  # built with CGAL alone
         PAGES.remove("docs/mesh-health.md")
+    if not (programs / "anigen-studio").exists():  # built with cpp-httplib alone
+        PAGES.remove("docs/studio.md")
     chosen = sys.argv[3:] or PAGES
     with tempfile.TemporaryDirectory(prefix="anigen-documentation-") as name:
         work = pathlib.Path(name)

@@ -4,12 +4,15 @@
     installed_library.py BUILD SOURCE
 
 Builds examples/library against the installed copy by find_package and by pkg-config, and runs what comes of it."""
+import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import urllib.request
 
 build, source = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
 
@@ -67,6 +70,16 @@ with tempfile.TemporaryDirectory() as folder:
     if (work / "examples/image_to_rig").exists() and (prefix / "share/anigen/weights/anigen-small").is_dir():
         run(work / "examples/image_to_rig", image, env=environment, cwd=work)
         assert (work / "deer.glb").read_bytes()[:4] == b"glTF"
+
+    studio = prefix / "bin/anigen-studio"
+    if studio.exists() and (prefix / "share/anigen/studio/first_job").is_dir():
+        with subprocess.Popen([studio, "--output", work / "jobs"], stdout=subprocess.PIPE, text=True, env=environment) as page:
+            address = page.stdout.readline().strip()
+            with urllib.request.urlopen(address + "v1/jobs") as answer:
+                first = json.load(answer)["jobs"][0]
+            page.send_signal(signal.SIGINT)
+        assert (first["state"], first["name"]) == ("done", "deer.png"), first
+        assert (work / "jobs/jobs" / first["id"] / "rigged.glb").read_bytes()[:4] == b"glTF"
 
     packages = prefix / "lib/python3/dist-packages"
     if packages.is_dir():

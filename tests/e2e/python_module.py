@@ -124,15 +124,62 @@ def check_jobs(rigged):
     assert counts[0] > 20, counts
 
 
+def check_preparation(folder, rigged):
+    one = anigen.prepare(rigged, resolution=32)
+    assert one["voxels"].shape[1] == 3 and one["voxels"].dtype == np.int32 and 0 <= one["voxels"].min()
+    assert one["voxels"].max() < 32 and len(one["skeleton_voxels"]) > 3 and isinstance(one["usable"], bool)
+    assert np.allclose(one["asset"].vertices, one["scale"] * rigged.vertices + one["offset"], atol=1e-5)
+    assert abs(np.ptp(one["asset"].vertices, axis=0).max() - 1) < 1e-5
+    raises(anigen.InputError, "soap", lambda: anigen.prepare(rigged, cleaning="soap"))
+    raises(anigen.InputError, "", lambda: anigen.prepare(anigen.from_arrays(*tube())))
+    rigs = folder / "rigs"
+    rigs.mkdir()
+    anigen.save(rigged, rigs / "a.glb")
+    (rigs / "broken.glb").write_bytes(b"glTF")
+    heard = []
+    made = anigen.prepare(rigs, folder / "data", creatures=2, resolution=16, progress=lambda *what: heard.append(what[0]))
+    assert made["assets"] == 3 and made["reused"] == 0 and heard, made
+    assert [one["step"] for one in made["rejected"]] == ["import"] and "broken.glb" in made["rejected"][0]["source"]
+    with np.load(next((folder / "data/skeleton").glob("*/skeleton_voxelized.npz"))) as arrays:
+        assert {"joints", "parents", "skin", "vertices", "faces"} <= set(arrays)
+    assert anigen.prepare([rigs], folder / "data", creatures=2, resolution=16)["reused"] == 3
+    raises(anigen.Interrupted, "", lambda: anigen.prepare([], folder / "other", creatures=5, progress=lambda *_: False))
+    raises(anigen.InputError, "nothing to prepare", lambda: anigen.prepare([], folder / "none"))
+    raises(anigen.InputError, "missing", lambda: anigen.prepare(folder / "missing", folder / "none"))
+
+
+def check_torch(rigged):
+    try:
+        import torch
+    except ImportError:
+        raises(anigen.Error, "python3-torch", lambda: anigen.to_torch(rigged))
+        return
+    tensors = anigen.to_torch(rigged)
+    assert tensors["skin"].shape == (len(rigged.vertices), len(rigged.joints))
+    before = float(tensors["vertices"][0, 0])
+    tensors["vertices"][0, 0] = 7
+    assert rigged.vertices[0, 0] == 7 and tensors["joints"].dtype == torch.float64
+    tensors["vertices"][0, 0] = before
+
+
 def check_generator(weights):
     generator = anigen.Generator(runs=weights)
     image = source / "examples/creatures/deer.png"
     stages = set()
-    asset, notices = generator.generate(image, progress=lambda stage, _: stages.add(stage.split(" of ")[0]))
+    seen = {}
+    made = generator.generate(image, progress=lambda stage, _: stages.add(stage.split(" of ")[0]),
+                              pictures=lambda name, png: seen.update({name: png}))
     assert {"sparse structure", "structured latents"} <= stages, stages
-    assert len(asset.joints) > 3 and notices and asset.clips
-    from_memory, _ = generator.generate(image.read_bytes())
-    assert np.array_equal(from_memory.vertices, asset.vertices)
+    asset = made.asset
+    assert len(asset.joints) > 3 and made.notices and asset.clips and made.seconds["decode"] > 0
+    assert {"mask", "voxels"} <= set(seen) and all(png[1:4] == b"PNG" for png in seen.values()), seen.keys()
+    stopped = generator.generate(image.read_bytes(), stop_at="voxels")
+    assert stopped.asset is None and stopped.voxels == made.voxels
+    on = generator.generate(image, voxels=stopped.voxels).asset
+    assert np.array_equal(on.vertices, asset.vertices) and np.array_equal(on.skin, asset.skin)
+    generator.generate(image, mask=seen["mask"], stop_at="voxels")
+    raises(anigen.InputError, "voxels", lambda: generator.generate(image, voxels=made.voxels[:200]))
+    raises(ZeroDivisionError, "", lambda: generator.generate(image, pictures=lambda *_: 1 / 0))
     raises(anigen.InputError, "", lambda: generator.generate(b"no image"))
     found, how = anigen.rig(asset, keep_skeleton=False)
     assert len(found.joints) > 1, how
@@ -143,6 +190,8 @@ with tempfile.TemporaryDirectory() as folder:
     rigged = check_files(pathlib.Path(folder))
     check_measures(rigged)
     check_jobs(rigged)
+    check_preparation(pathlib.Path(folder), rigged)
+    check_torch(rigged)
     if len(sys.argv) > 3 and pathlib.Path(sys.argv[3]).is_dir():
         check_generator(sys.argv[3])
 print("the Python package works")

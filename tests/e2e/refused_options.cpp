@@ -145,6 +145,14 @@ void check_numbers(Check& check, bool torch, bool mesh) {
                 {"--slat-steps: '0' is not a whole number from 1 to 100000"});
   check.refuses("anigen-generate --image a.png --output x --slat-guidance 0.5",
                 {"--slat-guidance: '0.5' is not a finite number from 1 to 1001"});
+  for (const char* option : {"--slat-steps 3", "--joints 4", "--texture-size 0", "--obj", "--intermediate"})
+    check.refuses(std::string("anigen-generate --image a.png --output x --stop-at voxels ") + option,
+                  {"--stop-at voxels ends before it"});
+  for (const char* option : {"--ss-steps 3", "--condition color", "--normals flat"})
+    check.refuses(std::string("anigen-generate --image a.png --output x --voxels v.npz ") + option, {"is of stage 4"});
+  check.refuses("anigen-generate --image a.png --output x --voxels v.npz --stop-at voxels", {"--voxels"});
+  check.refuses("anigen-generate --image a.png --output x --stop-at mesh", {"--stop-at", "voxels"});
+  check.refuses("anigen-generate --image a.png --output x --mask m.png --background grabcut", {"--mask says"});
   check.refuses("anigen-generate --image a.png --output x --reduction 1",
                 {"--reduction: '1' is not a finite number from 0 to below 1"});
   for (const char* option : {"--matting-mean", "--matting-deviation"}) {

@@ -18,6 +18,11 @@ done
 for name in inspect prepare eval rig train encode generate; do
   "$1/anigen-$name" --version | grep -q '^LibTorch ' || fail "anigen-$name --version does not name LibTorch"
 done
+# Of what they share, programs link their own part alone: CGAL, which makes a binary GPL-3, is in rig, mesh and studio.
+for name in inspect prepare eval animate train encode generate experiment; do
+  functions=$(nm -C "$1/anigen-$name" | grep -c 'CGAL::' || true)
+  [ "$functions" -eq 0 ] || fail "anigen-$name links CGAL"
+done
 # Objects that both the program and the module construct would be constructed, and destroyed, twice: constants of the
 # library that need construction stay local to their source, or are constexpr.
 constructed() { nm -DC --defined-only "$1" | awk '$2 == "B"' | cut -d' ' -f3- | grep '^anigen::' | sort; }

@@ -1,0 +1,30 @@
+"""Requests to a studio on this machine, for the tests that speak HTTP with it."""
+import http.client
+
+
+def form(parts):
+    """Parts (name, file name or None, content) as a multipart body."""
+    body = b""
+    for name, file, content in parts:
+        head = f'--b\r\nContent-Disposition: form-data; name="{name}"' + (f'; filename="{file}"' if file else "")
+        body += head.encode() + b"\r\n\r\n" + content + b"\r\n"
+    return body + b"--b--\r\n"
+
+
+class StudioClient:
+    """`port` is set by who starts the studio."""
+    port = 0
+
+    def ask(self, method, path, body=None, headers=None):
+        """(status, body of the answer)"""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        try:
+            connection.request(method, path, body, headers or {})
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        finally:
+            connection.close()
+
+    def send(self, kind, parts):
+        """Sends a job of a kind, such as "rig"."""
+        return self.ask("POST", f"/v1/3d/{kind}s", form(parts), {"Content-Type": "multipart/form-data; boundary=b"})
