@@ -20,6 +20,8 @@ done
 cd "$(dirname "$0")/.."
 scripts/build.sh release
 folder=build/release/benchmarks
+core=$(build/release/bin/anigen-inspect --version | sed -n 's/.*OpenBLAS core \([[:alnum:]]*\)$/\1/p')
+[ -z "$core" ] || export OPENBLAS_CORETYPE=$core
 files=()
 run() {  # NAME [ARGUMENTS]
   local name="$1"; shift

@@ -16,6 +16,9 @@ report=build/$preset/tests.xml
 export NODE_PATH=$PWD/.cache/node/node_modules${NODE_PATH:+:$NODE_PATH}
 # Several tests run at a time: threads that wait must not spin.
 export OMP_WAIT_POLICY=passive
+# Test programs have OpenBLAS loaded before they run (anigen/core/openblas.h).
+core=$("build/$preset/bin/anigen-inspect" --version | sed -n 's/.*OpenBLAS core \([[:alnum:]]*\)$/\1/p')
+[ -z "$core" ] || export OPENBLAS_CORETYPE=$core
 export LSAN_OPTIONS=suppressions=$PWD/tests/support/leaks.txt:print_suppressions=0  # of the asan preset
 status=0
 ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" \

@@ -14,6 +14,7 @@
 #include "anigen/core/lease.h"
 #include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/openblas.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"

@@ -4,6 +4,14 @@
 #include <cstdlib>
 #include <iterator>
 
+#if defined(__x86_64__) && defined(__GNUC__)
+#include <cpuid.h>
+#endif
+#if defined(__linux__)
+#include <sys/syscall.h>
+#include <unistd.h>
+#endif
+
 #include "anigen/core/error.h"
 #include "anigen/core/text.h"
 
@@ -11,8 +19,24 @@ namespace anigen {
 
 namespace {
 
-constexpr KernelForm kForms[] = {KernelForm::kPortable, KernelForm::kAvx2, KernelForm::kAvx512,
-                                 KernelForm::kAvx512Bf16};
+constexpr KernelForm kForms[] = {KernelForm::kPortable, KernelForm::kAvx2, KernelForm::kAvx512, KernelForm::kAvx512Bf16,
+                                 KernelForm::kAmx};
+
+#if defined(__x86_64__) && defined(__GNUC__)
+// The processor has tiles of bf16 numbers, and the system lets this process use
+// them: Linux asks that of every process.
+bool has_amx() {
+  unsigned a = 0, b = 0, c = 0, d = 0;
+  constexpr unsigned kFeatures = 7, kAmxBf16 = 1U << 22U, kAmxTile = 1U << 24U;
+  if (__get_cpuid_count(kFeatures, 0, &a, &b, &c, &d) == 0 || (d & kAmxBf16) == 0 || (d & kAmxTile) == 0) return false;
+#if defined(__linux__)
+  constexpr long kRequestPermission = 0x1023, kTileData = 18;
+  return syscall(SYS_arch_prctl, kRequestPermission, kTileData) == 0;
+#else
+  return false;
+#endif
+}
+#endif
 
 bool runs(KernelForm form) {
   if (form == KernelForm::kPortable) return true;
@@ -21,8 +45,9 @@ bool runs(KernelForm form) {
   const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") != 0;
   if (form == KernelForm::kAvx2) return avx2;
   if (form == KernelForm::kAvx512) return avx512;
-  return avx512 && __builtin_cpu_supports("avx512bf16") != 0 && __builtin_cpu_supports("avx512bw") != 0 &&
-         __builtin_cpu_supports("avx512vl") != 0 && __builtin_cpu_supports("avx512dq") != 0;
+  const bool bf16 = avx512 && __builtin_cpu_supports("avx512bf16") != 0 && __builtin_cpu_supports("avx512bw") != 0 &&
+                    __builtin_cpu_supports("avx512vl") != 0 && __builtin_cpu_supports("avx512dq") != 0;
+  return form == KernelForm::kAvx512Bf16 ? bf16 : bf16 && has_amx();
 #else
   return false;
 #endif
@@ -51,7 +76,7 @@ KernelForm kernel_forms::first_choice() {
 }
 
 const char* kernel_form_name(KernelForm form) {
-  static constexpr const char* kNames[] = {"portable", "avx2", "avx512", "avx512bf16"};
+  static constexpr const char* kNames[] = {"portable", "avx2", "avx512", "avx512bf16", "amx"};
   return kNames[static_cast<int>(form)];
 }
 
@@ -71,9 +96,10 @@ KernelForm requested_kernel_form(const std::string& value) {
     require_runnable(form);
     return form;
   }
-  throw InputError(
-      "", "ANIGEN_KERNELS",
-      "unknown form of kernels \"" + value + "\"; set it to portable, avx2, avx512 or avx512bf16, or unset it");
+  throw InputError("", "ANIGEN_KERNELS",
+                   "unknown form of kernels \"" + value +
+                       "\"; set it to portable, avx2, avx512, avx512bf16 or "
+                       "amx, or unset it");
 }
 
 std::string kernel_form_details() {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/openblas.h"
 #include "anigen/core/parallel.h"
 
 namespace anigen {
@@ -46,6 +47,7 @@ struct Module {
 
 Module load() {
   share_processors();
+  name_openblas_core();
   Module module;
   module.file = find_module();
   // Lazily: binding all of LibTorch's functions at once takes as long as reading its libraries. The module finds the

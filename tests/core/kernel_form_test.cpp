@@ -10,7 +10,8 @@
 namespace anigen {
 namespace {
 
-// a b + c: 0 when the product is rounded first, 2^-24 when it is fused with the sum.
+// a b + c: 0 when the product is rounded first, 2^-24 when it is fused with the
+// sum.
 constexpr float kFactor = 1.0F + 1.0F / 4096.0F, kRest = -1.0F - 1.0F / 2048.0F;
 
 ANIGEN_KERNEL(void, multiply_and_add, (const float* a, const float* b, float* c), (a, b, c)) { *c += *a * *b; }
@@ -47,12 +48,12 @@ TEST(KernelForm, UnknownNamesAreRefusedWithThoseThereAre) {
     const std::string refusal = refusal_of(value);
     EXPECT_NE(refusal.find("ANIGEN_KERNELS"), std::string::npos) << refusal;
     EXPECT_NE(refusal.find('"' + std::string(value) + '"'), std::string::npos) << refusal;
-    EXPECT_NE(refusal.find("portable, avx2, avx512 or avx512bf16"), std::string::npos) << refusal;
+    EXPECT_NE(refusal.find("portable, avx2, avx512, avx512bf16 or amx"), std::string::npos) << refusal;
   }
 }
 
 TEST(KernelForm, FormsThatTheProcessorDoesNotRunAreRefused) {
-  for (const KernelForm form : {KernelForm::kAvx2, KernelForm::kAvx512, KernelForm::kAvx512Bf16}) {
+  for (const KernelForm form : {KernelForm::kAvx2, KernelForm::kAvx512, KernelForm::kAvx512Bf16, KernelForm::kAmx}) {
     const bool runs = form <= runnable_kernel_forms().back();
     const std::string refusal = refusal_of(kernel_form_name(form));
     EXPECT_EQ(refusal == "accepted", runs) << refusal;

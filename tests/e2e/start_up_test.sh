@@ -33,4 +33,9 @@ for name in inspect prepare eval rig train encode generate studio; do
 done
 # The program and the module that it loads share what core holds: a signal, the log, the form of the kernels.
 ANIGEN_KERNELS=portable "$1/anigen-train" --version | grep -q '^kernels portable' || fail "kernels are not shared"
+# OpenBLAS is loaded after the program has named it the kernels of this processor, and takes them.
+said=$(env -u OPENBLAS_CORETYPE OPENBLAS_VERBOSE=2 "$1/anigen-train" --version 2>&1)
+named=$(sed -n 's/.*OpenBLAS core \([[:alnum:]]*\)$/\1/p' <<<"$said")
+taken=$(sed -n 's/^Core: //p' <<<"$said")
+if [ -n "$named" ] && [ -n "$taken" ] && [ "$named" != "$taken" ]; then fail "OpenBLAS takes $taken, not $named"; fi
 exit $failed

@@ -9,6 +9,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/kernel_form.h"
 #include "anigen/core/log.h"
+#include "anigen/core/openblas.h"
 #include "anigen/core/parallel.h"
 #include "anigen/core/process.h"
 #include "anigen/core/version.h"
@@ -97,7 +98,7 @@ void Program::add_common(const std::vector<std::string>& names, std::function<st
          spelled(version),
          [details = std::move(version_details)] {
            std::string text = "anigen " + named_version();
-           text += "\n" + kernel_form_details();
+           text += "\n" + kernel_form_details() + "; " + openblas_details();
            if (details) text += "\n" + details();
            return text;
          },

@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "anigen/nn/kernels/bf16_products.h"
 #include "anigen/nn/kernels/heads.h"
 #include "anigen/nn/kernels/mixed_products.h"
 
@@ -106,8 +107,9 @@ void pack_bf16_values(const std::uint16_t*, std::int64_t, std::int64_t, std::int
 
 namespace {
 
-// Attention of one head in bf16, where has_bf16_products() says so: products of bf16 numbers are exact and added up in
-// fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values. bf16 numbers are passed as
+// Attention of one head in bf16, where has_bf16_products() says so: products of
+// bf16 numbers are exact and added up in fp32, the softmax is fp32, its weights
+// are rounded to bf16 before they meet the values. bf16 numbers are passed as
 // their 16 bits. Packing needs the same processor.
 struct Bf16Keys {
   const std::uint16_t* keys;    // of pack_bf16_keys
@@ -117,6 +119,7 @@ struct Bf16Keys {
 };
 
 constexpr std::int64_t kBf16QueryBlock = 96;  // rows that attend_bf16 takes at most
+constexpr std::int64_t kAmxQueryBlock = 32;   // rows of two tiles, whose scores stay in the first-level cache
 constexpr std::int64_t kBf16QueryTile = 6;    // rows that are computed together: a multiple of it wastes nothing
 constexpr std::int64_t kKeyBlock = 256;       // keys whose scores are in flight
 static_assert(kBf16QueryTile == kernels::kBf16TileRows && kBf16QueryBlock % kBf16QueryTile == 0, "whole tiles");
@@ -125,7 +128,8 @@ static_assert(kBf16QueryTile == kernels::kBf16TileRows && kBf16QueryBlock % kBf1
 std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
 
 std::int64_t bf16_scratch_floats(std::int64_t channels) {
-  // Scores, weights in half as many, sums, largest score, sum of weights and factor of each row.
+  // Scores, weights in half as many, sums, largest score, sum of weights and
+  // factor of each row.
   return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
 }
 
@@ -139,26 +143,42 @@ std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int
 
 #if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
+// 2^t to 3e-6 of it, exactly 1 at 0, about 0 below -126; NaN for NaN. A
+// polynomial of least relative error for the fraction of t: its results are
+// rounded to bf16, 2^-9 of them.
+ANIGEN_BF16_INLINE __m512 exp2_vector(__m512 t) {
+  t = _mm512_max_ps(_mm512_set1_ps(-126.0F), t);  // returns the second for NaN
+  const __m512 n = _mm512_roundscale_ps(t, 8), r = _mm512_sub_ps(t, n);
+  __m512 p = _mm512_set1_ps(9.582848195e-3F);
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(5.590642515e-2F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(2.402409869e-1F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(6.931241934e-1F));
+  p = _mm512_fmadd_ps(p, r, _mm512_set1_ps(1.0F));
+  return _mm512_scalef_ps(p, n);
+}
+
+constexpr float kLog2E = 1.44269504088896341F;
+
 struct RowState {
   float *largest, *sum, *shrink;
 };
 
-// Scores of a block become weights exp(scale (score − largest)) in bf16, and the state of the rows takes them in.
+// Scores of a block become weights exp(scale (score − largest)) in bf16, and
+// the state of the rows takes them in.
 // @param columns a multiple of 32
 ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std::int64_t rows, std::int64_t columns,
                                      float scale, const RowState& state) {
-  const __m512 factor = _mm512_set1_ps(scale);
+  const __m512 factor = _mm512_set1_ps(kLog2E * scale);
   for (std::int64_t r = 0; r < rows; ++r, scores += kKeyBlock, weights += kKeyBlock) {
     __m512 top = _mm512_set1_ps(state.largest[r]);
     for (std::int64_t c = 0; c < columns; c += kernels::kBf16Lanes)
       top = _mm512_max_ps(top, _mm512_loadu_ps(scores + c));
     const float largest = _mm512_reduce_max_ps(top);
-    const __m512 shift = _mm512_set1_ps(-scale * largest);
+    const __m512 shift = _mm512_set1_ps(-(kLog2E * scale) * largest);
     __m512 sum_a = _mm512_setzero_ps(), sum_b = _mm512_setzero_ps();
     for (std::int64_t c = 0; c < columns; c += 2 * kernels::kBf16Lanes) {
-      const __m512 a = kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c), factor, shift));
-      const __m512 b =
-          kernels::exp_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kernels::kBf16Lanes), factor, shift));
+      const __m512 a = exp2_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c), factor, shift));
+      const __m512 b = exp2_vector(_mm512_fmadd_ps(_mm512_loadu_ps(scores + c + kernels::kBf16Lanes), factor, shift));
       sum_a = _mm512_add_ps(sum_a, a);
       sum_b = _mm512_add_ps(sum_b, b);
       _mm512_storeu_si512(weights + c, reinterpret_cast<__m512i>(_mm512_cvtne2ps_pbh(b, a)));
@@ -186,16 +206,16 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
   float* const sums = scores + kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2);
   float* const rest = sums + kBf16QueryBlock * kChannels;
   const RowState state{rest, rest + kBf16QueryBlock, rest + 2 * kBf16QueryBlock};
+  kernels::Bf16Multiplier multiplier;
   std::fill_n(state.largest, rows, -std::numeric_limits<float>::infinity());
   std::fill_n(state.sum, rows, 0.0F);
   for (std::int64_t first = 0; first < head.count; first += kKeyBlock) {
     const std::int64_t keys = std::min(kKeyBlock, head.count - first), columns = padded_keys(keys);
     for (std::int64_t key = 0; key < columns; key += kBf16Panel) {
       const std::uint16_t* const panel = head.keys + (first + key) * kChannels;
-      const auto from = [=](std::int64_t r) { return q + r * q_stride; };
-      const auto to = [=](std::int64_t r) { return scores + r * kKeyBlock + key; };
-      kernels::bf16_panel(std::min(kBf16Panel, columns - key) / kernels::kBf16Lanes, from, to, rows, kChannels / 2,
-                          panel, ahead);
+      multiplier.multiply({q, q_stride, panel, scores + key, kKeyBlock, rows, kChannels / 2,
+                           std::min(kBf16Panel, columns - key) / kernels::kBf16Lanes},
+                          /*adds=*/false, ahead);
     }
     const std::int64_t weighed = padded_keys(keys, 2 * kernels::kBf16Lanes);
     for (std::int64_t r = 0; keys < weighed && r < rows; ++r) {
@@ -210,17 +230,13 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
         _mm512_storeu_ps(place, _mm512_mul_ps(_mm512_loadu_ps(place), shrink));
       }
     }
-    const auto weights_of = [=](std::int64_t r) { return weights + r * kKeyBlock; };
-    const auto sums_of = [=](std::int64_t r) { return sums + r * kChannels; };
-    if (first == 0) {
-      kernels::bf16_rows<kVectors, false>(weights_of, sums_of, rows, (keys + 1) / 2, head.values, ahead);
-    } else {
-      kernels::bf16_rows<kVectors, true>(weights_of, sums_of, rows, (keys + 1) / 2, head.values + first * kChannels,
-                                         ahead);
-    }
+    multiplier.multiply(
+        {weights, kKeyBlock, head.values + first * kChannels, sums, kChannels, rows, (keys + 1) / 2, kVectors},
+        /*adds=*/first > 0, ahead);
   }
   for (std::int64_t r = 0; r < rows; ++r) {
-    // As the scores of a row that is not finite leave NaN here, they do everywhere.
+    // As the scores of a row that is not finite leave NaN here, they do
+    // everywhere.
     const __m512 factor = _mm512_set1_ps(1.0F / state.sum[r]);
     for (int v = 0; v < kVectors; ++v) {
       store_row(out + r * out_stride + v * kernels::kBf16Lanes,
@@ -230,22 +246,20 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
   }
 }
 
-// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the scaled scores of each row. A row with
-// scores that are not finite becomes NaN.
-// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart @param ahead asked
-// bf16_asking_calls times, evenly over the products
+// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the
+// scaled scores of each row. A row with scores that are not finite becomes NaN.
+// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride`
+// apart @param ahead asked bf16_asking_calls times, evenly over the products
 template <typename Out>
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows, Out* out,
                  std::int64_t out_stride, float* log_sums, float* scratch, products::RowsAhead& ahead) {
-  switch (head.channels / kernels::kBf16Lanes) {
-    case 1:
-      return attend_rows<1>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
-    case 2:
-      return attend_rows<2>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
-    case 3:
-      return attend_rows<3>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
-    default:
-      return attend_rows<4>(head, q, q_stride, rows, out, out_stride, log_sums, scratch, ahead);
+  using Form = decltype(&attend_rows<1, Out>);
+  static constexpr Form kForms[] = {attend_rows<1, Out>, attend_rows<2, Out>, attend_rows<3, Out>, attend_rows<4, Out>};
+  const Form attend_block = kForms[head.channels / kernels::kBf16Lanes - 1];
+  const std::int64_t block = kernels::has_amx_products() ? kAmxQueryBlock : kBf16QueryBlock;
+  for (std::int64_t r = 0; r < rows; r += block) {
+    attend_block(head, q + r * q_stride, q_stride, std::min(block, rows - r), out + r * out_stride, out_stride,
+                 log_sums + r, scratch, ahead);
   }
 }
 ANIGEN_BF16_END
@@ -260,7 +274,8 @@ void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64
 
 #endif
 
-// The rows of a head as bits. @param heads_at which axis of the tensor counts heads
+// The rows of a head as bits. @param heads_at which axis of the tensor counts
+// heads
 struct Bf16HeadRows {
   Bf16HeadRows(const Tensor& x, std::int64_t index, std::int64_t heads, int heads_at)
       : data(bf16_bits(x) + index / heads * x.stride(0) + index % heads * x.stride(heads_at)),
@@ -277,7 +292,8 @@ std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
 constexpr std::int64_t kTaskQueries = 192;
 constexpr std::int64_t kOwnKeys = 1024;  // as packed, 256 KiB with 64 channels
 
-// A sequence whose queries make one task: the task packs its keys itself, and they never leave the cache.
+// A sequence whose queries make one task: the task packs its keys itself, and
+// they never leave the cache.
 bool is_one_task(const RaggedProblem& problem, std::int64_t sequence) {
   return problem.queries(sequence) <= kTaskQueries && problem.keys(sequence) <= kOwnKeys;
 }
@@ -332,7 +348,8 @@ std::int64_t longest_own(const RaggedProblem& problem) {
   return packed_bf16_size(longest, problem.channels);
 }
 
-// Queries that the kernels take at a time: about equally many each, in whole tiles.
+// Queries that the kernels take at a time: about equally many each, in whole
+// tiles.
 std::int64_t query_block(std::int64_t queries) {
   const std::int64_t even = even_block(queries, kBf16QueryBlock), tile = kBf16QueryTile;
   return (even + tile - 1) / tile * tile;
@@ -348,7 +365,8 @@ struct Bf16Scratch {
   Tensor floats, numbers;
 };
 
-// Memory that the next part reads first and writes, to be asked for during the products of this one.
+// Memory that the next part reads first and writes, to be asked for during the
+// products of this one.
 products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& part, const HeadTask& next,
                                const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out) {
   products::RowsAhead ahead;

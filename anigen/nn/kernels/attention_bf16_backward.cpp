@@ -1,14 +1,18 @@
-// The backward pass of attention whose factors are rounded to bf16 (after Dao et al. 2022, "FlashAttention"): with
-// S = Q Kᵀ and the log-sum-exp L of each query's scaled scores,
+// The backward pass of attention whose factors are rounded to bf16 (after Dao
+// et al. 2022, "FlashAttention"): with S = Q Kᵀ and the log-sum-exp L of each
+// query's scaled scores,
 //   P = exp(s S − L)         dV = Pᵀ dY        dP = dY Vᵀ
-//   dS = s P ∘ (dP − δ)      dK = dSᵀ Q        dQ = dS K        with δ = Σ_channels dY ∘ Y.
-// Scores are formed with keys as rows, so that Pᵀ and dSᵀ are factors as they come; dS is kept in pairs of keys.
+//   dS = s P ∘ (dP − δ)      dK = dSᵀ Q        dQ = dS K        with δ =
+//   Σ_channels dY ∘ Y.
+// Scores are formed with keys as rows, so that Pᵀ and dSᵀ are factors as they
+// come; dS is kept in pairs of keys.
 #include <algorithm>
 #include <cstdlib>
 #include <limits>
 #include <utility>
 
 #include "anigen/nn/kernels/attention_bf16.h"
+#include "anigen/nn/kernels/bf16_products.h"
 #include "anigen/nn/kernels/heads.h"
 
 namespace anigen::nn {
@@ -18,7 +22,8 @@ namespace {
 constexpr std::int64_t kQueries = 128, kKeys = 256;  // of a block
 constexpr std::int64_t kGroup = 24;                  // keys whose scores are in flight: whole tiles and pairs
 
-// One head of a sequence. Rows are a stride apart, that of dq and dk in fp32 numbers.
+// One head of a sequence. Rows are a stride apart, that of dq and dk in fp32
+// numbers.
 struct HeadOfSequence {
   const std::uint16_t *q, *k, *v, *dy;
   std::int64_t q_stride, k_stride, v_stride, dy_stride;
@@ -29,7 +34,8 @@ struct HeadOfSequence {
   float scale;
 };
 
-// Memory of a thread. Pointers are kept: to ask a tensor for them in an inner loop would cost more than its products.
+// Memory of a thread. Pointers are kept: to ask a tensor for them in an inner
+// loop would cost more than its products.
 struct MixedScratch {
   explicit MixedScratch(const RaggedProblem& problem)
       : floats(torch::empty({2 * kGroup * kQueries + 2 * kQueries + problem.longest_queries}, torch::kFloat32)),
@@ -105,7 +111,8 @@ ANIGEN_BF16_INLINE void weigh_two_keys(const MixedScratch& scratch, std::int64_t
   }
 }
 
-// A block of queries as columns and as pairs. Padded columns have L = δ = 0 and meet rows of zeros.
+// A block of queries as columns and as pairs. Padded columns have L = δ = 0 and
+// meet rows of zeros.
 ANIGEN_BF16_INLINE void pack_queries(const HeadOfSequence& head, const MixedScratch& scratch, std::int64_t first,
                                      std::int64_t rows) {
   const std::uint16_t *const q = head.q + first * head.q_stride, *const dy = head.dy + first * head.dy_stride;
@@ -119,21 +126,23 @@ ANIGEN_BF16_INLINE void pack_queries(const HeadOfSequence& head, const MixedScra
   std::fill(scratch.block_delta + rows, scratch.block_delta + padded_keys(rows), 0.0F);
 }
 
-template <int kVectors, bool kAdd>
-ANIGEN_BF16_INLINE void add_keys_gradients(const HeadOfSequence& head, const MixedScratch& scratch, std::int64_t key,
-                                           std::int64_t keys, std::int64_t pairs, products::RowsAhead& ahead) {
-  kernels::bf16_rows<kVectors, kAdd>([&](std::int64_t r) { return scratch.weights + r * kQueries; },
-                                     [&](std::int64_t r) { return head.dv + (key + r) * head.dk_stride; }, keys, pairs,
-                                     scratch.dy_pairs, ahead);
-  kernels::bf16_rows<kVectors, kAdd>([&](std::int64_t r) { return scratch.score_slopes + r * kQueries; },
-                                     [&](std::int64_t r) { return head.dk + (key + r) * head.dk_stride; }, keys, pairs,
-                                     scratch.q_pairs, ahead);
+void add_keys_gradients(const HeadOfSequence& head, const MixedScratch& scratch, std::int64_t key, std::int64_t keys,
+                        std::int64_t pairs, bool adds, kernels::Bf16Multiplier& multiplier,
+                        products::RowsAhead& ahead) {
+  const std::int64_t vectors = head.channels / kernels::kBf16Lanes;
+  const auto add = [&](const std::uint16_t* factors, const std::uint16_t* b, float* sums) {
+    multiplier.multiply({factors, kQueries, b, sums + key * head.dk_stride, head.dk_stride, keys, pairs, vectors}, adds,
+                        ahead);
+  };
+  add(scratch.weights, scratch.dy_pairs, head.dv);
+  add(scratch.score_slopes, scratch.q_pairs, head.dk);
 }
 
 template <int kVectors>
 ANIGEN_BF16 void mixed_head_backward(const HeadOfSequence& head, const MixedScratch& scratch,
                                      products::RowsAhead& ahead) {
   constexpr std::int64_t kChannels = kVectors * kernels::kBf16Lanes;
+  kernels::Bf16Multiplier multiplier;
   for (std::int64_t j = 0; j < head.keys; j += kKeys) {
     const std::int64_t keys = std::min(kKeys, head.keys - j);
     pack_bf16_values(head.k + j * head.k_stride, head.k_stride, keys, kChannels, scratch.key_pairs);
@@ -144,22 +153,19 @@ ANIGEN_BF16 void mixed_head_backward(const HeadOfSequence& head, const MixedScra
         const std::int64_t group = std::min(kGroup, keys - g);
         for (std::int64_t c = 0; c < columns; c += kBf16Panel) {
           const std::int64_t vectors = std::min(kBf16Panel, columns - c) / kernels::kBf16Lanes;
-          kernels::bf16_panel(
-              vectors, [&](std::int64_t r) { return head.k + (j + g + r) * head.k_stride; },
-              [&](std::int64_t r) { return scratch.scores + r * kQueries + c; }, group, kChannels / 2,
-              scratch.q_columns + c * kChannels, ahead);
-          kernels::bf16_panel(
-              vectors, [&](std::int64_t r) { return head.v + (j + g + r) * head.v_stride; },
-              [&](std::int64_t r) { return scratch.slopes + r * kQueries + c; }, group, kChannels / 2,
-              scratch.dy_columns + c * kChannels, ahead);
+          const auto score = [&](const std::uint16_t* rows_of_keys, std::int64_t stride,
+                                 const std::uint16_t* columns_of, float* to) {
+            multiplier.multiply({rows_of_keys + (j + g) * stride, stride, columns_of + c * kChannels, to + c, kQueries,
+                                 group, kChannels / 2, vectors},
+                                /*adds=*/false, ahead);
+          };
+          score(head.k, head.k_stride, scratch.q_columns, scratch.scores);
+          score(head.v, head.v_stride, scratch.dy_columns, scratch.slopes);
         }
         for (std::int64_t r = 0; r < group; r += 2)
           weigh_two_keys(scratch, r, r + 1 < group, columns, head.scale, scratch.slope_pairs + (g + r) * kQueries);
-        if (i == 0) {
-          add_keys_gradients<kVectors, false>(head, scratch, j + g, group, columns / 2, ahead);
-        } else {
-          add_keys_gradients<kVectors, true>(head, scratch, j + g, group, columns / 2, ahead);
-        }
+        add_keys_gradients(head, scratch, j + g, group, columns / 2,
+                           /*adds=*/i > 0, multiplier, ahead);
       }
       const auto slope_pairs = [&](std::int64_t r) { return scratch.slope_pairs + 2 * r; };
       const auto dq = [&](std::int64_t r) { return head.dq + (i + r) * head.dq_stride; };
@@ -197,7 +203,8 @@ void backward_of(const HeadOfSequence&, const MixedScratch&, products::RowsAhead
 
 #endif
 
-// Memory that the next part reads first and writes, to be asked for during the products of this one.
+// Memory that the next part reads first and writes, to be asked for during the
+// products of this one.
 products::RowsAhead rows_of_next(const RaggedProblem& p, const HeadOfSequence& now, const HeadTask& next,
                                  const MixedAttentionGradients& t) {
   products::RowsAhead ahead;

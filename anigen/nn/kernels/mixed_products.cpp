@@ -1,11 +1,11 @@
 #include "anigen/nn/kernels/mixed_products.h"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cstdlib>
 #include <cstring>
 
+#include "anigen/nn/kernels/bf16_products.h"
 #include "anigen/nn/kernels/tiles.h"
 
 namespace anigen::nn {
@@ -53,8 +53,8 @@ namespace {
 constexpr std::int64_t kPanelColumns = 64;  // of packed weights: four vectors
 constexpr std::int64_t kDepth = 256;        // of a panel at a time: 32 KiB, which stay in the first-level cache
 
-// Of a correlation: rows of a block, channels of `in` and columns of `out` that are interleaved at a time. A tile is
-// eight rows by two vectors of sums.
+// Of a correlation: rows of a block, channels of `in` and columns of `out` that
+// are interleaved at a time. A tile is eight rows by two vectors of sums.
 constexpr std::int64_t kBlock = 128, kSteps = kBlock / 2, kChannels = 128, kTileRows = 8, kTileVectors = 2;
 constexpr std::int64_t kTileColumns = kTileVectors * kBf16Lanes;
 
@@ -64,7 +64,8 @@ ANIGEN_BF16_INLINE __mmask16 first_lanes(std::int64_t count) {
   return static_cast<__mmask16>(count >= kBf16Lanes ? 0xFFFF : (1 << count) - 1);
 }
 
-// Sixteen channels from `channel` on of rows 2 p and 2 p + 1 of a block; a missing one counts as zeros.
+// Sixteen channels from `channel` on of rows 2 p and 2 p + 1 of a block; a
+// missing one counts as zeros.
 ANIGEN_BF16_INLINE __m512i interleaved_rows(const ListedRows& rows, std::int64_t p, std::int64_t first,
                                             std::int64_t count, std::int64_t channel, std::int64_t channels) {
   const __mmask16 lanes = first_lanes(channels - channel);
@@ -74,7 +75,8 @@ ANIGEN_BF16_INLINE __m512i interleaved_rows(const ListedRows& rows, std::int64_t
   return interleaved(even, odd);
 }
 
-// sums[r, :] += Σ_p x[p, r] · y[p, :] of pairs, for a tile. @param x [steps, 8] words @param y [steps, 16 kVectors]
+// sums[r, :] += Σ_p x[p, r] · y[p, :] of pairs, for a tile. @param x [steps, 8]
+// words @param y [steps, 16 kVectors]
 template <int kVectors>
 ANIGEN_BF16_INLINE void correlate_tile(const std::uint32_t* x, const std::uint32_t* y, std::int64_t steps, float* sums,
                                        std::int64_t stride, std::int64_t rows) {
@@ -101,16 +103,6 @@ ANIGEN_BF16_INLINE void correlate_tile(const std::uint32_t* x, const std::uint32
     if (r >= rows) break;
 #pragma GCC unroll 2
     for (int v = 0; v < kVectors; ++v) _mm512_storeu_ps(sums + r * stride + v * kBf16Lanes, tile[r][v]);
-  }
-}
-
-template <int kVectors>
-ANIGEN_BF16 void multiply_panel(const std::uint16_t* in, const std::uint16_t* panel, std::int64_t rows,
-                                std::int64_t depth, std::int64_t columns, float* out) {
-  for (std::int64_t k = 0; k < depth; k += kDepth) {
-    bf16_rows<kVectors, true>([=](std::int64_t i) { return in + i * depth + k; },
-                              [=](std::int64_t i) { return out + i * columns; }, rows, std::min(kDepth, depth - k) / 2,
-                              panel + k * kVectors * kBf16Lanes, NothingAhead{});
   }
 }
 
@@ -149,10 +141,14 @@ ANIGEN_BF16 void pack_mixed(const StridedMatrix& matrix, std::int64_t depth, std
 
 void multiply_mixed(const std::uint16_t* in, const std::uint16_t* packed, std::int64_t rows, std::int64_t depth,
                     std::int64_t columns, float* out) {
+  Bf16Multiplier multiplier;
   for (std::int64_t first = 0; first < columns; first += kPanelColumns, packed += depth * kPanelColumns) {
-    const auto panel = std::array{multiply_panel<1>, multiply_panel<2>, multiply_panel<3>, multiply_panel<4>};
     const std::int64_t vectors = std::min(kPanelColumns, columns - first) / kBf16Lanes;
-    panel[static_cast<std::size_t>(vectors - 1)](in, packed, rows, depth, columns, out + first);
+    for (std::int64_t k = 0; k < depth; k += kDepth) {
+      multiplier.multiply({in + k, depth, packed + k * vectors * kBf16Lanes, out + first, columns, rows,
+                           std::min(kDepth, depth - k) / 2, vectors},
+                          /*adds=*/true);
+    }
   }
 }
 

@@ -122,22 +122,6 @@ ANIGEN_BF16_INLINE void bf16_rows(const FactorRow& factors, const SumRow& sums, 
   }
 }
 
-/// As bf16_rows, without adding, for a panel of 1 to 4 vectors.
-template <typename FactorRow, typename SumRow, typename Ahead>
-ANIGEN_BF16_INLINE void bf16_panel(std::int64_t vectors, const FactorRow& factors, const SumRow& sums,
-                                   std::int64_t rows, std::int64_t pairs, const std::uint16_t* b, Ahead& ahead) {
-  switch (vectors) {
-    case 1:
-      return bf16_rows<1, false>(factors, sums, rows, pairs, b, ahead);
-    case 2:
-      return bf16_rows<2, false>(factors, sums, rows, pairs, b, ahead);
-    case 3:
-      return bf16_rows<3, false>(factors, sums, rows, pairs, b, ahead);
-    default:
-      return bf16_rows<4, false>(factors, sums, rows, pairs, b, ahead);
-  }
-}
-
 /// e^t, 0 below -87, NaN for NaN and +inf; coefficients of Cephes' expf.
 ANIGEN_BF16_INLINE __m512 exp_vector(__m512 t) {
   t = _mm512_max_ps(_mm512_set1_ps(-87.0F), t);  // returns the second for NaN
