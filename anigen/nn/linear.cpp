@@ -8,6 +8,7 @@
 #include "anigen/nn/int8_linear.h"
 #include "anigen/nn/kernels/activations.h"
 #include "anigen/nn/kernels/mixed_products.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/profile.h"
 
 namespace anigen::nn {
@@ -235,6 +236,18 @@ class VectorGelu : public torch::autograd::Function<VectorGelu> {
   }
 };
 
+// Without a gradient.
+Tensor bf16_gelu(const Tensor& x) {
+  RECORD_USER_SCOPE("elementwise and copies: gelu");
+  const Tensor y = torch::empty_like(x);
+  const std::uint16_t* in = bf16_bits(x);
+  std::uint16_t* out = bf16_bits(y);
+  at::parallel_for(0, x.numel(), kGrain, [&](std::int64_t begin, std::int64_t end) {
+    kernels::gelu_forward_bf16(in + begin, out + begin, end - begin);
+  });
+  return y;
+}
+
 constexpr std::int64_t kCachedValues = 32768;  // hidden values in flight per thread: two buffers of 128 KiB
 constexpr std::int64_t kWidestHidden = 1024;   // beyond it the products dominate and large ones run faster
 constexpr std::int64_t kFewestBlocks = 8;      // below it the separate layers are as fast
@@ -356,6 +369,8 @@ Tensor linear(const Tensor& x, const Tensor& weight, const Tensor& bias) {
 }
 
 Tensor gelu_tanh(const Tensor& x) {
+  const bool has_gradient = x.requires_grad() && torch::GradMode::is_enabled();
+  if (x.is_cpu() && dtype_of(x) == torch::kBFloat16 && !has_gradient) return bf16_gelu(x.detach().contiguous());
   if (!x.is_cpu() || dtype_of(x) != torch::kFloat32) return torch::gelu(x, "tanh");
   return VectorGelu::apply(x.contiguous());
 }

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <cmath>
 #include <limits>
 
 #include "anigen/nn/init.h"
@@ -98,6 +99,20 @@ KERNEL_TEST(Gelu, GradientAgreesWithDoublePrecision) {
 KERNEL_TEST(Gelu, DoublesAndViewsGiveTheSame) {
   const Tensor x = range().narrow(0, 0, 40000).view({200, 200}).t();
   EXPECT_LT((gelu_tanh(x) - gelu_tanh(x.to(torch::kFloat32))).abs().max().item<double>(), 1e-5);
+}
+
+KERNEL_TEST(Gelu, OfBf16NumbersIsRoundedOnce) {
+  const Tensor x = range().to(torch::kBFloat16), exact = torch::gelu(x.to(torch::kFloat64), "tanh");
+  const torch::NoGradGuard no_grad;
+  const Tensor y = gelu_tanh(x);
+  ASSERT_EQ(y.scalar_type(), torch::kBFloat16);
+  // Half a unit in the last place of 8 bits, the error of fp32, and that of 1 + tanh in fp64.
+  const Tensor error = (y.to(torch::kFloat64) - exact).abs();
+  EXPECT_TRUE((error <= exact.abs() * (1.0 / 256.0 + 1e-5) + 1e-14).all().item<bool>());
+  const float infinity = std::numeric_limits<float>::infinity();
+  const Tensor odd = gelu_tanh(torch::tensor({std::nanf(""), infinity}).to(torch::kBFloat16)).to(torch::kFloat32);
+  EXPECT_TRUE(std::isnan(odd[0].item<float>()));
+  EXPECT_EQ(odd[1].item<float>(), infinity);
 }
 
 KERNEL_TEST(Gelu, NotFiniteStaysNotFinite) {

@@ -15,6 +15,14 @@ ANIGEN_INLINE float gate(float x) {
   return 1.0F / (1.0F + exp_clamped(-2.0F * u));
 }
 
+// Bits of the nearest bf16 number, ties to even.
+ANIGEN_INLINE std::uint16_t nearest_bf16(float x) {
+  const auto bits = bits_as<std::uint32_t>(x);
+  const bool is_nan = (bits & 0x7FFFFFFFU) > 0x7F800000U;  // whose bits would overflow
+  const std::uint32_t nearest = (bits + 0x7FFFU + ((bits >> 16U) & 1U)) >> 16U;
+  return static_cast<std::uint16_t>(is_nan ? 0x7FC0U : nearest);
+}
+
 // d/dx of x gate(x), given gate(x).
 ANIGEN_INLINE float derivative(float x, float s) {
   const float slope = kSqrtTwoOverPi * (1.0F + 3.0F * kCubic * (x * x));
@@ -25,6 +33,14 @@ ANIGEN_INLINE float derivative(float x, float s) {
 
 ANIGEN_KERNEL(void, gelu_forward, (const float* __restrict x, float* __restrict y, std::int64_t n), (x, y, n)) {
   for (std::int64_t i = 0; i < n; ++i) y[i] = x[i] * gate(x[i]);
+}
+
+ANIGEN_KERNEL(void, gelu_forward_bf16, (const std::uint16_t* __restrict x, std::uint16_t* __restrict y, std::int64_t n),
+              (x, y, n)) {
+  for (std::int64_t i = 0; i < n; ++i) {
+    const float value = bits_as<float>(static_cast<std::uint32_t>(x[i]) << 16U);
+    y[i] = nearest_bf16(value * gate(value));
+  }
 }
 
 ANIGEN_KERNEL(void, gelu_backward,

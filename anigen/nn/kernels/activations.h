@@ -64,6 +64,9 @@ namespace anigen::nn::kernels {
 /// y[i] = gelu(x[i]), tanh form; NaN stays NaN. Arrays of n values that do not overlap.
 void gelu_forward(const float* x, float* y, std::int64_t n);
 
+/// The same of bf16 numbers as their 16 bits, computed in fp32.
+void gelu_forward_bf16(const std::uint16_t* x, std::uint16_t* y, std::int64_t n);
+
 /// h[r, c] = gelu(h[r, c] + bias[c]) in place, for a dense matrix.
 void gelu_bias(float* h, const float* bias, std::int64_t rows, std::int64_t columns);
 

@@ -145,7 +145,7 @@ std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int
 ANIGEN_BF16_BEGIN
 // 2^t to 3e-6 of it, exactly 1 at 0, about 0 below -126; NaN for NaN. A
 // polynomial of least relative error for the fraction of t: its results are
-// rounded to bf16, 2^-9 of them.
+// rounded to bf16, 2^-8 of them.
 ANIGEN_BF16_INLINE __m512 exp2_vector(__m512 t) {
   t = _mm512_max_ps(_mm512_set1_ps(-126.0F), t);  // returns the second for NaN
   const __m512 n = _mm512_roundscale_ps(t, 8), r = _mm512_sub_ps(t, n);
