@@ -21,7 +21,13 @@ core=$("build/$preset/bin/anigen-inspect" --version | sed -n 's/.*OpenBLAS core 
 [ -z "$core" ] || export OPENBLAS_CORETYPE=$core
 export LSAN_OPTIONS=suppressions=$PWD/tests/support/leaks.txt:print_suppressions=0  # of the asan preset
 status=0
-ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" \
+# No test needs a network: with ANIGEN_WITHOUT_NETWORK=1 they run where there is the loopback interface alone (root).
+alone=()
+if [ -n "${ANIGEN_WITHOUT_NETWORK:-}" ]; then
+  alone=(unshare --net bash -c 'ip link set lo up && exec "$@"' bash)
+  echo "tests run without a network: $("${alone[@]}" ip -brief link | cut -d ' ' -f 1 | paste -s -d ' ')"
+fi
+"${alone[@]}" ctest --test-dir "build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" \
   --test-output-size-passed 65536 --test-output-truncation middle --output-junit "$PWD/$report" "$@" || status=$?
 
 finished=$(date +%s)

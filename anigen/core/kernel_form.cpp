@@ -23,8 +23,7 @@ constexpr KernelForm kForms[] = {KernelForm::kPortable, KernelForm::kAvx2, Kerne
                                  KernelForm::kAmx};
 
 #if defined(__x86_64__) && defined(__GNUC__)
-// The processor has tiles of bf16 numbers, and the system lets this process use
-// them: Linux asks that of every process.
+// The processor has tiles of bf16 numbers, and the system lets this process use them: Linux asks that of every process.
 bool has_amx() {
   unsigned a = 0, b = 0, c = 0, d = 0;
   constexpr unsigned kFeatures = 7, kAmxBf16 = 1U << 22U, kAmxTile = 1U << 24U;
@@ -96,10 +95,9 @@ KernelForm requested_kernel_form(const std::string& value) {
     require_runnable(form);
     return form;
   }
-  throw InputError("", "ANIGEN_KERNELS",
-                   "unknown form of kernels \"" + value +
-                       "\"; set it to portable, avx2, avx512, avx512bf16 or "
-                       "amx, or unset it");
+  throw InputError(
+      "", "ANIGEN_KERNELS",
+      "unknown form of kernels \"" + value + "\"; set it to portable, avx2, avx512, avx512bf16 or amx, or unset it");
 }
 
 std::string kernel_form_details() {

@@ -5,8 +5,8 @@
 
 namespace anigen {
 
-/// Instruction sets that our own kernels are compiled for; each includes those
-/// before it. LibTorch, oneDNN and OpenBLAS choose theirs themselves.
+/// Instruction sets that our own kernels are compiled for; each includes those before it. LibTorch, oneDNN and OpenBLAS
+/// choose theirs themselves.
 enum class KernelForm {
   kPortable,    ///< what every processor of the architecture has
   kAvx2,        ///< AVX2 and fused multiply-adds
@@ -15,16 +15,14 @@ enum class KernelForm {
   kAmx          ///< AMX: tiles of bf16 numbers
 };
 
-/// Name of a form as ANIGEN_KERNELS takes it: portable, avx2, avx512,
-/// avx512bf16 or amx.
+/// Name of a form as ANIGEN_KERNELS takes it: portable, avx2, avx512, avx512bf16 or amx.
 const char* kernel_form_name(KernelForm form);
 
 /// Forms that this processor runs, kPortable first, the widest last.
 const std::vector<KernelForm>& runnable_kernel_forms();
 
 /// Form that a value of ANIGEN_KERNELS asks for. @param value empty: the widest
-/// @throws InputError for an unknown name, and for a form that this processor
-/// does not run
+/// @throws InputError for an unknown name, and for a form that this processor does not run
 KernelForm requested_kernel_form(const std::string& value);
 
 namespace kernel_forms {
@@ -32,9 +30,8 @@ extern std::atomic<int> current;  // −1 until somebody asks
 KernelForm first_choice();
 }  // namespace kernel_forms
 
-/// Form in which kernels run: the one that the environment variable
-/// ANIGEN_KERNELS names, else the widest. The variable is read at the first
-/// call. @throws InputError as requested_kernel_form, at the first call
+/// Form in which kernels run: the one that the environment variable ANIGEN_KERNELS names, else the widest. The variable
+/// is read at the first call. @throws InputError as requested_kernel_form, at the first call
 inline KernelForm kernel_form() {
   const int form = kernel_forms::current.load(std::memory_order_relaxed);
   return form >= 0 ? static_cast<KernelForm>(form) : kernel_forms::first_choice();
@@ -43,8 +40,7 @@ inline KernelForm kernel_form() {
 /// Line for --version: the form in use, and those that this processor runs.
 std::string kernel_form_details();
 
-/// Makes kernels run in another form while it lives. Must not be made or
-/// destroyed while kernels run.
+/// Makes kernels run in another form while it lives. Must not be made or destroyed while kernels run.
 class KernelFormScope {
  public:
   /// @throws InputError when this processor does not run the form
@@ -59,13 +55,10 @@ class KernelFormScope {
 
 }  // namespace anigen
 
-/// Defines a function that is compiled once per form and runs in the form in
-/// use; its body follows. What it calls in its loops is marked
-/// ANIGEN_KERNEL_INLINE.
-///   ANIGEN_KERNEL(void, twice, (float* x, std::int64_t n), (x, n)) { for (…)
-///   x[i] *= 2.0F; }
-/// ANIGEN_EXACT_KERNEL has no form that fuses multiplications with additions,
-/// so that all give the same bits.
+/// Defines a function that is compiled once per form and runs in the form in use; its body follows. What it calls in
+/// its loops is marked ANIGEN_KERNEL_INLINE.
+///   ANIGEN_KERNEL(void, twice, (float* x, std::int64_t n), (x, n)) { for (…) x[i] *= 2.0F; }
+/// ANIGEN_EXACT_KERNEL has no form that fuses multiplications with additions, so that all give the same bits.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define ANIGEN_KERNEL_INLINE inline __attribute__((always_inline))
 #define ANIGEN_KERNEL(RESULT, NAME, PARAMETERS, ARGUMENTS)                                                    \

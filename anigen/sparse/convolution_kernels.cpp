@@ -11,9 +11,8 @@
 #include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/kernels/tiles.h"
 
-// Both products keep a tile of sums, some rows of one panel, in registers, and
-// step along what is summed over: a vector of the panel and one number per row
-// of the tile at each step. They are compiled once per form of kernels.
+// Both products keep a tile of sums, some rows of one panel, in registers, and step along what is summed over: a vector
+// of the panel and one number per row of the tile at each step. They are compiled once per form of kernels.
 #if defined(__x86_64__) && defined(__GNUC__)
 #define ANIGEN_SPARSE_X86 1
 #else
@@ -28,9 +27,8 @@ namespace {
 // Columns of a panel of weights.
 constexpr std::int64_t kPanel = 16;
 
-// Sums of kRows rows and one panel of columns, in vectors of kBytes. Loops over
-// it are unrolled, so that the sums of a tile of most_rows() rows are registers
-// of the instruction set that has vectors of this size.
+// Sums of kRows rows and one panel of columns, in vectors of kBytes. Loops over it are unrolled, so that the sums of a
+// tile of most_rows() rows are registers of the instruction set that has vectors of this size.
 template <typename T, int kBytes, int kRows>
 struct Tile {
   static constexpr int kLanes = kBytes / static_cast<int>(sizeof(T));
@@ -82,8 +80,7 @@ struct Tile {
   }
 };
 
-// Rows of the largest tile: twelve registers of sums, which leaves four of
-// sixteen for what they are formed from.
+// Rows of the largest tile: twelve registers of sums, which leaves four of sixteen for what they are formed from.
 template <typename T, int kBytes>
 constexpr int most_rows() {
   return 12 / (static_cast<int>(kPanel) * static_cast<int>(sizeof(T)) / kBytes);
@@ -96,8 +93,7 @@ struct RowPairs {
   std::int64_t count;
 };
 
-// Input channels between reading and writing a tile: the part of a panel used
-// meanwhile stays in the first-level cache.
+// Input channels between reading and writing a tile: the part of a panel used meanwhile stays in the first-level cache.
 constexpr std::int64_t kDepth = 256;
 // Pairs and channels of them that a weight gradient works on at a time.
 constexpr std::int64_t kPairBlock = 128, kCopiedChannels = 96;
@@ -152,16 +148,14 @@ ANIGEN_TILE_INLINE void multiply(const RowPairs& pairs, const T* in, std::int64_
   }
 }
 
-// Some pairs: channels of their rows of `in` as factors [tile, kPairBlock,
-// stride], one panel of their rows of `out`.
+// Some pairs: channels of their rows of `in` as factors [tile, kPairBlock, stride], one panel of their rows of `out`.
 template <typename T>
 struct CopiedPairs {
   const T *factors, *panel;
   std::int64_t count, stride;
 };
 
-// w[r, :] += Σ factors[i, r] · panel[i, :] for kRows of the factors of each
-// pair.
+// w[r, :] += Σ factors[i, r] · panel[i, :] for kRows of the factors of each pair.
 template <typename T, int kBytes, int kRows>
 ANIGEN_TILE_INLINE void correlate_tile(const CopiedPairs<T>& pairs, T* w, std::int64_t w_stride) {
   Tile<T, kBytes, kRows> tile;
@@ -183,9 +177,8 @@ ANIGEN_TILE_INLINE void correlate_rest(CopiedPairs<T> pairs, T* w, std::int64_t 
   if constexpr (kRows > 1) correlate_rest<T, kBytes, kRows / 2>(pairs, w, w_stride, channels);
 }
 
-// [tile, kPairBlock, kRows], so that a tile's factors are next to each other:
-// read where they lie, rows of 2^n channels would all want the same few places
-// of the cache.
+// [tile, kPairBlock, kRows], so that a tile's factors are next to each other: read where they lie, rows of 2^n channels
+// would all want the same few places of the cache.
 template <int kRows, typename T>
 ANIGEN_TILE_INLINE void copy_factors(const std::int32_t* rows, std::int64_t count, const T* in,
                                      std::int64_t in_channels, std::int64_t channels, T* factors) {
@@ -267,11 +260,9 @@ ANIGEN_AVX2 void correlate_avx2(const RowPairs& pairs, const T* in, std::int64_t
 }
 #endif
 
-// out[to[i], :] += in[from[i], :] · w for each pair; no row of `out` twice.
-// Rows are read where they lie, and a sum is formed in the order of the input
-// channels whatever pairs surround it.
-// @param in rows of `in_channels` @param panels [⌈out_channels / kPanel⌉,
-// in_channels, kPanel], filled up with zeros
+// out[to[i], :] += in[from[i], :] · w for each pair; no row of `out` twice. Rows are read where they lie, and a sum is
+// formed in the order of the input channels whatever pairs surround it.
+// @param in rows of `in_channels` @param panels [⌈out_channels / kPanel⌉, in_channels, kPanel], filled up with zeros
 // @param out rows of `out_channels`
 template <typename T>
 void multiply_pairs(const RowPairs& pairs, const T* in, std::int64_t in_channels, const T* panels, T* out,
@@ -284,10 +275,9 @@ void multiply_pairs(const RowPairs& pairs, const T* in, std::int64_t in_channels
   multiply<T, 16>(pairs, in, in_channels, panels, out, out_channels);
 }
 
-// w += Σ in[from[i], first … first + count]ᵀ out[to[i], :], summed in the order
-// of the pairs; an element of w does not depend on `first` and `count`.
-// @param w [count, ⌈out_channels / kPanel⌉ · kPanel]; columns beyond
-// out_channels are left as they are
+// w += Σ in[from[i], first … first + count]ᵀ out[to[i], :], summed in the order of the pairs; an element of w does not
+// depend on `first` and `count`.
+// @param w [count, ⌈out_channels / kPanel⌉ · kPanel]; columns beyond out_channels are left as they are
 template <typename T>
 void correlate_pairs(const RowPairs& pairs, const T* in, std::int64_t in_channels, std::int64_t first,
                      std::int64_t count, const T* out, std::int64_t out_channels, T* w) {
@@ -303,8 +293,7 @@ using nn::kernels::kBf16Lanes;
 
 constexpr std::int64_t kPanelColumns = 64;
 
-// A matrix as the kernel for bf16 reads it: panels of up to 64 columns,
-// [in_channels / 2, columns, 2] each.
+// A matrix as the kernel for bf16 reads it: panels of up to 64 columns, [in_channels / 2, columns, 2] each.
 // @param matrix [in_channels, out_channels]
 void pack_bf16_matrix(const std::uint16_t* matrix, std::int64_t in_channels, std::int64_t out_channels,
                       std::uint16_t* packed) {
@@ -334,8 +323,8 @@ ANIGEN_BF16 void multiply_panel(const RowPairs& pairs, const std::uint16_t* in, 
 
 constexpr std::int64_t kGathered = 32;  // rows of two tiles of AMX
 
-// multiply_panel() by tiles, whose rows lie at constant distances: rows are
-// gathered before, and sums scattered after the product.
+// multiply_panel() by tiles, whose rows lie at constant distances: rows are gathered before, and sums scattered after
+// the product.
 ANIGEN_BF16 void multiply_panel_in_tiles(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
                                          const std::uint16_t* panel, std::int64_t vectors, float* out,
                                          std::int64_t out_channels) {
@@ -359,8 +348,8 @@ ANIGEN_BF16 void multiply_panel_in_tiles(const RowPairs& pairs, const std::uint1
   }
 }
 
-// multiply_pairs() of bf16 numbers, passed as their 16 bits, where
-// nn::kernels::has_bf16_products() says so: exact products, added up in fp32.
+// multiply_pairs() of bf16 numbers, passed as their 16 bits, where nn::kernels::has_bf16_products() says so: exact
+// products, added up in fp32.
 void multiply_bf16_pairs(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
                          const std::uint16_t* packed, float* out, std::int64_t out_channels) {
   for (std::int64_t first = 0; first < out_channels; first += kPanelColumns) {
@@ -399,9 +388,8 @@ void multiply_bf16_pairs(const RowPairs&, const std::uint16_t*, std::int64_t, co
 
 #endif
 
-// Rows that are worked on before the next ones, tap after tap: few enough that
-// what a block reads and writes stays in a second-level cache, enough for the
-// matrices that pass by meanwhile to pay, and enough blocks for many threads.
+// Rows that are worked on before the next ones, tap after tap: few enough that what a block reads and writes stays in a
+// second-level cache, enough for the matrices that pass by meanwhile to pay, and enough blocks for many threads.
 // Independent of their number, so that the bits of the result are.
 constexpr std::int64_t kFewestRows = 128, kCachedValues = 65536, kWantedBlocks = 32;
 
@@ -483,9 +471,8 @@ void add_products(const TapPlan& plan, const Tensor& neighbours, const Tensor& i
   });
 }
 
-// Calls correlate(pairs, first and number of input channels, sums of these) for
-// all matrices. Parallel over their halves (fewer would leave two threads with
-// unequal shares), each summed over all rows in one order.
+// Calls correlate(pairs, first and number of input channels, sums of these) for all matrices. Parallel over their
+// halves (fewer would leave two threads with unequal shares), each summed over all rows in one order.
 template <typename T, typename Correlate>
 void for_each_correlation(const TapPlan& plan, const Tensor& neighbours, const Tensor& in, const Tensor& slopes,
                           Tensor& matrices, const Correlate& correlate) {

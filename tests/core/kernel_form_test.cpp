@@ -10,8 +10,7 @@
 namespace anigen {
 namespace {
 
-// a b + c: 0 when the product is rounded first, 2^-24 when it is fused with the
-// sum.
+// a b + c: 0 when the product is rounded first, 2^-24 when it is fused with the sum.
 constexpr float kFactor = 1.0F + 1.0F / 4096.0F, kRest = -1.0F - 1.0F / 2048.0F;
 
 ANIGEN_KERNEL(void, multiply_and_add, (const float* a, const float* b, float* c), (a, b, c)) { *c += *a * *b; }

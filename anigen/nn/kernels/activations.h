@@ -64,7 +64,7 @@ namespace anigen::nn::kernels {
 /// y[i] = gelu(x[i]), tanh form; NaN stays NaN. Arrays of n values that do not overlap.
 void gelu_forward(const float* x, float* y, std::int64_t n);
 
-/// The same of bf16 numbers as their 16 bits, computed in fp32.
+/// gelu_forward() of bf16 numbers, passed as their 16 bits, computed in fp32.
 void gelu_forward_bf16(const std::uint16_t* x, std::uint16_t* y, std::int64_t n);
 
 /// h[r, c] = gelu(h[r, c] + bias[c]) in place, for a dense matrix.

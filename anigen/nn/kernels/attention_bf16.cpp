@@ -107,9 +107,8 @@ void pack_bf16_values(const std::uint16_t*, std::int64_t, std::int64_t, std::int
 
 namespace {
 
-// Attention of one head in bf16, where has_bf16_products() says so: products of
-// bf16 numbers are exact and added up in fp32, the softmax is fp32, its weights
-// are rounded to bf16 before they meet the values. bf16 numbers are passed as
+// Attention of one head in bf16, where has_bf16_products() says so: products of bf16 numbers are exact and added up in
+// fp32, the softmax is fp32, its weights are rounded to bf16 before they meet the values. bf16 numbers are passed as
 // their 16 bits. Packing needs the same processor.
 struct Bf16Keys {
   const std::uint16_t* keys;    // of pack_bf16_keys
@@ -128,8 +127,7 @@ static_assert(kBf16QueryTile == kernels::kBf16TileRows && kBf16QueryBlock % kBf1
 std::int64_t packed_bf16_size(std::int64_t count, std::int64_t channels) { return padded_keys(count) * channels; }
 
 std::int64_t bf16_scratch_floats(std::int64_t channels) {
-  // Scores, weights in half as many, sums, largest score, sum of weights and
-  // factor of each row.
+  // Scores, weights in half as many, sums, largest score, sum of weights and factor of each row.
   return kBf16QueryBlock * (kKeyBlock + kKeyBlock / 2 + channels + 3);
 }
 
@@ -143,9 +141,8 @@ std::int64_t bf16_asking_calls(std::int64_t queries, std::int64_t keys, std::int
 
 #if ANIGEN_BF16_X86
 ANIGEN_BF16_BEGIN
-// 2^t to 3e-6 of it, exactly 1 at 0, about 0 below -126; NaN for NaN. A
-// polynomial of least relative error for the fraction of t: its results are
-// rounded to bf16, 2^-8 of them.
+// 2^t to 3e-6 of it, exactly 1 at 0, about 0 below -126; NaN for NaN. A polynomial of least relative error for the
+// fraction of t: its results are rounded to bf16, 2^-8 of them.
 ANIGEN_BF16_INLINE __m512 exp2_vector(__m512 t) {
   t = _mm512_max_ps(_mm512_set1_ps(-126.0F), t);  // returns the second for NaN
   const __m512 n = _mm512_roundscale_ps(t, 8), r = _mm512_sub_ps(t, n);
@@ -163,8 +160,7 @@ struct RowState {
   float *largest, *sum, *shrink;
 };
 
-// Scores of a block become weights exp(scale (score − largest)) in bf16, and
-// the state of the rows takes them in.
+// Scores of a block become weights exp(scale (score − largest)) in bf16, and the state of the rows takes them in.
 // @param columns a multiple of 32
 ANIGEN_BF16_INLINE void softmax_rows(float* scores, std::uint16_t* weights, std::int64_t rows, std::int64_t columns,
                                      float scale, const RowState& state) {
@@ -235,8 +231,7 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
         /*adds=*/first > 0, ahead);
   }
   for (std::int64_t r = 0; r < rows; ++r) {
-    // As the scores of a row that is not finite leave NaN here, they do
-    // everywhere.
+    // As the scores of a row that is not finite leave NaN here, they do everywhere.
     const __m512 factor = _mm512_set1_ps(1.0F / state.sum[r]);
     for (int v = 0; v < kVectors; ++v) {
       store_row(out + r * out_stride + v * kernels::kBf16Lanes,
@@ -246,10 +241,10 @@ ANIGEN_BF16 void attend_rows(const Bf16Keys& head, const std::uint16_t* q, std::
   }
 }
 
-// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the
-// scaled scores of each row. A row with scores that are not finite becomes NaN.
-// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride`
-// apart @param ahead asked bf16_asking_calls times, evenly over the products
+// out[r, :] = softmax(scale q[r, :] keysᵀ) values, and the log-sum-exp of the scaled scores of each row. A row with
+// scores that are not finite becomes NaN.
+// @param q [rows, channels], rows `q_stride` apart @param out rows `out_stride` apart @param ahead asked
+// bf16_asking_calls times, evenly over the products
 template <typename Out>
 void attend_bf16(const Bf16Keys& head, const std::uint16_t* q, std::int64_t q_stride, std::int64_t rows, Out* out,
                  std::int64_t out_stride, float* log_sums, float* scratch, products::RowsAhead& ahead) {
@@ -274,8 +269,7 @@ void attend_bf16(const Bf16Keys&, const std::uint16_t*, std::int64_t, std::int64
 
 #endif
 
-// The rows of a head as bits. @param heads_at which axis of the tensor counts
-// heads
+// The rows of a head as bits. @param heads_at which axis of the tensor counts heads
 struct Bf16HeadRows {
   Bf16HeadRows(const Tensor& x, std::int64_t index, std::int64_t heads, int heads_at)
       : data(bf16_bits(x) + index / heads * x.stride(0) + index % heads * x.stride(heads_at)),
@@ -292,8 +286,7 @@ std::uint16_t* row_of(const Tensor& x, std::int64_t head, std::int64_t row) {
 constexpr std::int64_t kTaskQueries = 192;
 constexpr std::int64_t kOwnKeys = 1024;  // as packed, 256 KiB with 64 channels
 
-// A sequence whose queries make one task: the task packs its keys itself, and
-// they never leave the cache.
+// A sequence whose queries make one task: the task packs its keys itself, and they never leave the cache.
 bool is_one_task(const RaggedProblem& problem, std::int64_t sequence) {
   return problem.queries(sequence) <= kTaskQueries && problem.keys(sequence) <= kOwnKeys;
 }
@@ -348,8 +341,7 @@ std::int64_t longest_own(const RaggedProblem& problem) {
   return packed_bf16_size(longest, problem.channels);
 }
 
-// Queries that the kernels take at a time: about equally many each, in whole
-// tiles.
+// Queries that the kernels take at a time: about equally many each, in whole tiles.
 std::int64_t query_block(std::int64_t queries) {
   const std::int64_t even = even_block(queries, kBf16QueryBlock), tile = kBf16QueryTile;
   return (even + tile - 1) / tile * tile;
@@ -365,8 +357,7 @@ struct Bf16Scratch {
   Tensor floats, numbers;
 };
 
-// Memory that the next part reads first and writes, to be asked for during the
-// products of this one.
+// Memory that the next part reads first and writes, to be asked for during the products of this one.
 products::RowsAhead rows_after(const RaggedProblem& problem, const HeadTask& part, const HeadTask& next,
                                const Tensor& q, const Tensor& k, const Tensor& v, const Tensor& out) {
   products::RowsAhead ahead;

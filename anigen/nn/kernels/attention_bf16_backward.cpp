@@ -1,11 +1,8 @@
-// The backward pass of attention whose factors are rounded to bf16 (after Dao
-// et al. 2022, "FlashAttention"): with S = Q Kᵀ and the log-sum-exp L of each
-// query's scaled scores,
+// The backward pass of attention whose factors are rounded to bf16 (after Dao et al. 2022, "FlashAttention"): with
+// S = Q Kᵀ and the log-sum-exp L of each query's scaled scores,
 //   P = exp(s S − L)         dV = Pᵀ dY        dP = dY Vᵀ
-//   dS = s P ∘ (dP − δ)      dK = dSᵀ Q        dQ = dS K        with δ =
-//   Σ_channels dY ∘ Y.
-// Scores are formed with keys as rows, so that Pᵀ and dSᵀ are factors as they
-// come; dS is kept in pairs of keys.
+//   dS = s P ∘ (dP − δ)      dK = dSᵀ Q        dQ = dS K        with δ = Σ_channels dY ∘ Y.
+// Scores are formed with keys as rows, so that Pᵀ and dSᵀ are factors as they come; dS is kept in pairs of keys.
 #include <algorithm>
 #include <cstdlib>
 #include <limits>
@@ -22,8 +19,7 @@ namespace {
 constexpr std::int64_t kQueries = 128, kKeys = 256;  // of a block
 constexpr std::int64_t kGroup = 24;                  // keys whose scores are in flight: whole tiles and pairs
 
-// One head of a sequence. Rows are a stride apart, that of dq and dk in fp32
-// numbers.
+// One head of a sequence. Rows are a stride apart, that of dq and dk in fp32 numbers.
 struct HeadOfSequence {
   const std::uint16_t *q, *k, *v, *dy;
   std::int64_t q_stride, k_stride, v_stride, dy_stride;
@@ -34,8 +30,7 @@ struct HeadOfSequence {
   float scale;
 };
 
-// Memory of a thread. Pointers are kept: to ask a tensor for them in an inner
-// loop would cost more than its products.
+// Memory of a thread. Pointers are kept: to ask a tensor for them in an inner loop would cost more than its products.
 struct MixedScratch {
   explicit MixedScratch(const RaggedProblem& problem)
       : floats(torch::empty({2 * kGroup * kQueries + 2 * kQueries + problem.longest_queries}, torch::kFloat32)),
@@ -111,8 +106,7 @@ ANIGEN_BF16_INLINE void weigh_two_keys(const MixedScratch& scratch, std::int64_t
   }
 }
 
-// A block of queries as columns and as pairs. Padded columns have L = δ = 0 and
-// meet rows of zeros.
+// A block of queries as columns and as pairs. Padded columns have L = δ = 0 and meet rows of zeros.
 ANIGEN_BF16_INLINE void pack_queries(const HeadOfSequence& head, const MixedScratch& scratch, std::int64_t first,
                                      std::int64_t rows) {
   const std::uint16_t *const q = head.q + first * head.q_stride, *const dy = head.dy + first * head.dy_stride;
@@ -203,8 +197,7 @@ void backward_of(const HeadOfSequence&, const MixedScratch&, products::RowsAhead
 
 #endif
 
-// Memory that the next part reads first and writes, to be asked for during the
-// products of this one.
+// Memory that the next part reads first and writes, to be asked for during the products of this one.
 products::RowsAhead rows_of_next(const RaggedProblem& p, const HeadOfSequence& now, const HeadTask& next,
                                  const MixedAttentionGradients& t) {
   products::RowsAhead ahead;

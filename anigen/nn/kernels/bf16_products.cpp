@@ -29,8 +29,7 @@ struct TileConfig {
 };
 static_assert(sizeof(TileConfig) == 64);
 
-// Tiles 0 to 3 hold sums, two by two; 4 and 5 factors of the upper and lower
-// rows; 6 and 7 columns of b.
+// Tiles 0 to 3 hold sums, two by two; 4 and 5 factors of the upper and lower rows; 6 and 7 columns of b.
 ANIGEN_AMX void configure_tiles(std::int64_t upper_rows, std::int64_t lower_rows, std::int64_t pairs) {
   TileConfig config;
   const auto set = [&](int tile, std::int64_t rows, std::int64_t row_bytes) {
@@ -48,8 +47,7 @@ ANIGEN_AMX void configure_tiles(std::int64_t upper_rows, std::int64_t lower_rows
 
 ANIGEN_AMX void release_tiles() { _tile_release(); }
 
-// Up to 32 rows by one or two vectors of columns. @param steps numbers of pairs
-// that the tiles are configured for
+// Up to 32 rows by one or two vectors of columns. @param steps numbers of pairs that the tiles are configured for
 template <bool kLower, bool kRight>
 ANIGEN_AMX void multiply_block(const Bf16Product& product, std::int64_t b_vectors, bool adds, std::int64_t steps,
                                products::RowsAhead& ahead) {

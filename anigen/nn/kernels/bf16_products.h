@@ -3,14 +3,12 @@
 
 #include "anigen/nn/kernels/tiles.h"
 
-/// Products of bf16 matrices with fp32 sums, on CPUs where has_bf16_products():
-/// by the tiles of Intel's AMX, sixteen rows by sixteen columns at a time,
-/// where has_amx_products(), else by AVX512-BF16. One thread, no allocation.
+/// Products of bf16 matrices with fp32 sums, on CPUs where has_bf16_products(): by the tiles of Intel's AMX, sixteen
+/// rows by sixteen columns at a time, where has_amx_products(), else by AVX512-BF16. One thread, no allocation.
 
 namespace anigen::nn::kernels {
 
-/// True if this CPU multiplies tiles of bf16 numbers, and ANIGEN_KERNELS asks
-/// for nothing narrower.
+/// True if this CPU multiplies tiles of bf16 numbers, and ANIGEN_KERNELS asks for nothing narrower.
 inline bool has_amx_products() { return kernel_form() >= KernelForm::kAmx; }
 
 /// Factors and sums of a product; rows of each lie at a constant distance.

@@ -53,8 +53,8 @@ namespace {
 constexpr std::int64_t kPanelColumns = 64;  // of packed weights: four vectors
 constexpr std::int64_t kDepth = 256;        // of a panel at a time: 32 KiB, which stay in the first-level cache
 
-// Of a correlation: rows of a block, channels of `in` and columns of `out` that
-// are interleaved at a time. A tile is eight rows by two vectors of sums.
+// Of a correlation: rows of a block, channels of `in` and columns of `out` that are interleaved at a time. A tile is
+// eight rows by two vectors of sums.
 constexpr std::int64_t kBlock = 128, kSteps = kBlock / 2, kChannels = 128, kTileRows = 8, kTileVectors = 2;
 constexpr std::int64_t kTileColumns = kTileVectors * kBf16Lanes;
 
@@ -64,8 +64,7 @@ ANIGEN_BF16_INLINE __mmask16 first_lanes(std::int64_t count) {
   return static_cast<__mmask16>(count >= kBf16Lanes ? 0xFFFF : (1 << count) - 1);
 }
 
-// Sixteen channels from `channel` on of rows 2 p and 2 p + 1 of a block; a
-// missing one counts as zeros.
+// Sixteen channels from `channel` on of rows 2 p and 2 p + 1 of a block; a missing one counts as zeros.
 ANIGEN_BF16_INLINE __m512i interleaved_rows(const ListedRows& rows, std::int64_t p, std::int64_t first,
                                             std::int64_t count, std::int64_t channel, std::int64_t channels) {
   const __mmask16 lanes = first_lanes(channels - channel);
@@ -75,8 +74,7 @@ ANIGEN_BF16_INLINE __m512i interleaved_rows(const ListedRows& rows, std::int64_t
   return interleaved(even, odd);
 }
 
-// sums[r, :] += Σ_p x[p, r] · y[p, :] of pairs, for a tile. @param x [steps, 8]
-// words @param y [steps, 16 kVectors]
+// sums[r, :] += Σ_p x[p, r] · y[p, :] of pairs, for a tile. @param x [steps, 8] words @param y [steps, 16 kVectors]
 template <int kVectors>
 ANIGEN_BF16_INLINE void correlate_tile(const std::uint32_t* x, const std::uint32_t* y, std::int64_t steps, float* sums,
                                        std::int64_t stride, std::int64_t rows) {

@@ -50,8 +50,7 @@ Exact exact(const Bf16Product& product, std::int64_t r, std::int64_t c) {
   return result;
 }
 
-// Products of these sizes in the form in use, with gaps between rows that must
-// stay as they are.
+// Products of these sizes in the form in use, with gaps between rows that must stay as they are.
 void expect_exact(const Bf16Sizes& sizes, bool adds) {
   SCOPED_TRACE(bf16_words(sizes) + (adds ? ", added" : ""));
   constexpr float kUntouched = 12345.0F, kStart = 3.0F;
@@ -73,8 +72,7 @@ void expect_exact(const Bf16Sizes& sizes, bool adds) {
       }
       const Exact expected = exact(product, r, c);
       const double start = adds ? kStart : 0.0;
-      // Rounding of fp32 sums: at most one unit of 2^-24 of the magnitude per
-      // term; far fewer happen.
+      // Rounding of fp32 sums: at most one unit of 2^-24 of the magnitude per term; far fewer happen.
       ASSERT_NEAR(got, start + expected.sum, 1e-6 * (start + expected.magnitude)) << r << ", " << c;
     }
   }
