@@ -1,12 +1,22 @@
 #include "anigen/core/openblas.h"
 
+#include <dlfcn.h>
+#include <unistd.h>
 #include <cstdlib>
+#include <initializer_list>
 
 namespace anigen {
 
 namespace {
 
 constexpr const char* kVariable = "OPENBLAS_CORETYPE";
+
+bool is_one_of(const std::string& name, std::initializer_list<const char*> names) {
+  for (const char* other : names) {
+    if (name == other) return true;
+  }
+  return false;
+}
 
 }  // namespace
 
@@ -23,9 +33,29 @@ std::string openblas_core() {
 #endif
 }
 
+std::string loaded_openblas_core() {
+  using CoreName = char* (*)();
+  const auto name = reinterpret_cast<CoreName>(::dlsym(RTLD_DEFAULT, "openblas_get_corename"));
+  return name == nullptr ? "" : name();
+}
+
+bool openblas_is_slow() {
+  const std::string wanted = openblas_core(), loaded = loaded_openblas_core();
+  const char* asked = std::getenv(kVariable);
+  if (asked != nullptr && wanted != asked) return false;
+  if (wanted.empty() || loaded.empty() || is_one_of(loaded, {"SkylakeX", "Cooperlake", "SapphireRapids"})) return false;
+  return wanted == "SkylakeX" || !is_one_of(loaded, {"Haswell", "Zen"});
+}
+
 void name_openblas_core() {
   const std::string core = openblas_core();
   if (!core.empty()) ::setenv(kVariable, core.c_str(), /*overwrite=*/0);
+}
+
+void start_with_openblas_core(char** argv) {
+  if (std::getenv(kVariable) != nullptr) return;  // also of the program that this one was before
+  name_openblas_core();
+  if (openblas_is_slow()) ::execv("/proc/self/exe", argv);
 }
 
 std::string openblas_details() {

@@ -30,7 +30,6 @@ namespace {
 struct Blas {
   std::string library;  // path of the shared library that defines sgemm_, "" when there is none
   std::string flavour;  // "openblas-openmp", "openblas-pthread", "openblas-serial", "reference", "mkl", "unknown"
-  std::string core;     // kernels that OpenBLAS chose, "" for another
 };
 
 // Libraries that LibTorch links as libblas.so.3 are alternatives behind a link; its target names the package.
@@ -57,8 +56,6 @@ Blas find_blas() {
   if (product != nullptr && dladdr(product, &info) != 0 && info.dli_fname != nullptr)
     blas.library = real_path(info.dli_fname);
   blas.flavour = blas.library.empty() ? "unknown" : flavour_of(blas.library);
-  using CoreName = char* (*)();
-  if (const auto core = reinterpret_cast<CoreName>(dlsym(RTLD_DEFAULT, "openblas_get_corename"))) blas.core = core();
   return blas;
 }
 
@@ -74,7 +71,7 @@ void warn_about_blas() {
     log::warn("{} ({}) is in use, whose threads do not get on with LibTorch's; install libopenblas0-openmp",
               blas.flavour, blas.library);
   }
-  if (blas.core == "Prescott" && !openblas_core().empty()) {
+  if (openblas_is_slow()) {
     log::warn("OpenBLAS takes this processor for an old one, at a fifth of its speed; set OPENBLAS_CORETYPE={}",
               openblas_core());
   }

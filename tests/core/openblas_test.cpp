@@ -42,6 +42,7 @@ TEST_F(OpenBlas, IsToldTheWidestKernelsThatTheProcessorRuns) {
 
 TEST_F(OpenBlas, UsesWhatItsOwnVariableSays) {
   ::setenv(kVariable, "Nehalem", 1);
+  EXPECT_FALSE(openblas_is_slow());
   name_openblas_core();
   EXPECT_STREQ(std::getenv(kVariable), "Nehalem");
   EXPECT_EQ(openblas_details(), "OpenBLAS core Nehalem");

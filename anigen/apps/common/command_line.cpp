@@ -107,6 +107,7 @@ void Program::add_common(const std::vector<std::string>& names, std::function<st
 }
 
 int Program::run(int argc, char** argv, const std::function<void()>& body) {
+  start_with_openblas_core(argv);
   CurrentWords current = current_words(app.get_name(), {argv + 1, argv + argc});
   if (!first.empty()) current.words = with_named_word(app, current.words, first);
   words = {argv, argv + 1};
