@@ -9,7 +9,32 @@ Long calls take `progress=function(stage, fraction)`; it cancels the call by ret
 (a ValueError that names file and place), `Error` and `Interrupted`.
 """
 
-from ._anigen import (Asset, Error, Generated, Generator, InputError, Interrupted, animate, chamfer, evaluate,
+import os
+import sys
+
+
+def _name_openblas_core():
+    """Has OpenBLAS use the widest kernels for matrix products that the processor runs: it goes by the model number, and
+    takes newer processors for old ones (anigen/core/openblas.h). It reads this when it is loaded: with the library below,
+    or with numpy, if that was imported before."""
+    try:
+        with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+            first = dict(line.split(":", 1) for line in file.read().split("\n\n")[0].splitlines() if ":" in line)
+    except OSError:
+        return
+    values = {name.strip(): value.split() for name, value in first.items()}
+    flags = set(values.get("flags", []))
+    if not {"avx2", "fma"} <= flags:
+        return
+    wide = {"avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl"} <= flags
+    core = "Zen" if "AuthenticAMD" in values.get("vendor_id", []) else "SkylakeX" if wide else "Haswell"
+    os.environ.setdefault("OPENBLAS_CORETYPE", core)
+
+
+if "numpy" not in sys.modules:
+    _name_openblas_core()
+
+from ._anigen import (Asset, Error, Generated, Generator, InputError, Interrupted, animate, chamfer, evaluate,  # noqa: E402
                       from_arrays, gromov_wasserstein, lint, load, load_bytes, motion_words, motions_of, prepare, render, rig,
                       save, save_bytes, template_words, wasserstein)
 

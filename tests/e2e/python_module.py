@@ -4,7 +4,10 @@
     python_module.py PACKAGES SOURCE [WEIGHTS]
 
 PACKAGES is the folder that holds `anigen`. With WEIGHTS an image becomes a rigged asset, too."""
+import os
 import pathlib
+import re
+import subprocess
 import sys
 import tempfile
 import threading
@@ -40,6 +43,17 @@ def tube(rings=24, sides=12):
         top = (rings - 1) * sides
         faces.append((top, top + k, top + k + 1))
     return np.array(vertices, np.float32), np.array(faces, np.int32)
+
+
+def check_openblas(packages):
+    """A fresh interpreter names OpenBLAS the kernels that the programs name it."""
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_CORETYPE"}
+    program = packages.parent / "bin" / "anigen-inspect"
+    said = subprocess.run([program, "--version"], env=environment, capture_output=True, text=True, check=True).stdout
+    wanted = re.search(r"OpenBLAS core (\w+)$", said, re.MULTILINE)
+    code = f"import os, sys; sys.path.insert(0, {str(packages)!r}); import anigen; print(os.environ.get('OPENBLAS_CORETYPE'))"
+    named = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+    assert named.strip() == (wanted.group(1) if wanted else "None"), f"{named} is not that of {said}"
 
 
 def check_arrays():
@@ -186,6 +200,7 @@ def check_generator(weights):
 
 
 with tempfile.TemporaryDirectory() as folder:
+    check_openblas(packages)
     check_arrays()
     rigged = check_files(pathlib.Path(folder))
     check_measures(rigged)
