@@ -1,4 +1,4 @@
-// Parts of the page of anigen-studio that need no browser: edits of joints, and command lines of jobs.
+// Parts of the page of anigen-studio that need no browser: edits of joints, command lines of jobs, the list of jobs.
 import assert from 'node:assert/strict';
 import {readFileSync} from 'node:fs';
 import path from 'node:path';
@@ -79,4 +79,29 @@ assert.equal(commandOf({kind: 'animation', name: 'fox.glb', names: {motion: 'run
 assert.equal(commandOf({kind: 'evaluation', name: 'fox.glb', names: {truth: 'true.glb'}, options: {}}),
              'anigen-eval --pred fox.glb -d true.glb --metrics skeleton,transport,skin,surface -o fox_scores');
 assert.equal(settingsOf({kind: 'rig', options: {method: 'curve', joints: 20, symmetric: true}}), 'method curve, joints 20, symmetric');
-console.log('edits of joints and command lines: as they should be');
+
+// A list that was on its way when a job was sent does not lack that job in the page: it stays chosen.
+{
+  const urlOf = (text) => 'data:text/javascript,' + encodeURIComponent(text);
+  const read = (name) => readFileSync(path.join(page, name), 'utf8');
+  const base = urlOf(read('base.js'));
+  globalThis.window = {addEventListener() {}};
+  globalThis.document = {getElementById: () => ({})};
+  const answers = [[{id: 'a', state: 'done'}], [{id: 'a', state: 'done'}, {id: 'b', state: 'done'}]];
+  let asked = 0;
+  globalThis.fetch = async () => {
+    const jobs = answers[Math.min(asked++, 1)];
+    await new Promise((resolve) => setTimeout(resolve, 20));
+    return {ok: true, json: async () => ({jobs})};
+  };
+  const {state, listen} = await import(base);
+  const {look} = await import(urlOf(read('events.js').replaceAll("'/base.js'", JSON.stringify(base))));
+  const chosen = [];
+  listen('jobs', () => chosen.push(state.chosen));
+  const first = look();
+  state.chosen = 'b';
+  await Promise.all([first, look()]);
+  assert.deepEqual([asked, chosen, state.chosen], [2, ['b'], 'b']);
+}
+console.log('edits of joints, command lines and the list of jobs: as they should be');
+process.exit();  // the page goes on looking for jobs

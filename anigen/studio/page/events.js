@@ -63,9 +63,11 @@ export function look() {
     do {
       again = false;
       try {
-        state.jobs = (await askJson('/v1/jobs')).jobs;
+        const {jobs} = await askJson('/v1/jobs');
         if (lost) calm();
         lost = false;
+        if (again) continue;  // on its way since before a change, such as a new job that is chosen
+        state.jobs = jobs;
         if (!jobOf(state.chosen)) state.chosen = undefined;
         followActive();
         tell('jobs');
