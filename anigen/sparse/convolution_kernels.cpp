@@ -325,12 +325,12 @@ constexpr std::int64_t kGathered = 32;  // rows of two tiles of AMX
 
 // multiply_panel() by tiles, whose rows lie at constant distances: rows are gathered before, and sums scattered after
 // the product.
-ANIGEN_BF16 void multiply_panel_in_tiles(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
-                                         const std::uint16_t* panel, std::int64_t vectors, float* out,
-                                         std::int64_t out_channels) {
+template <int kVectors>
+ANIGEN_BF16 void multiply_gathered(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
+                                   const std::uint16_t* panel, float* out, std::int64_t out_channels) {
   alignas(64) std::uint16_t rows[kGathered * kDepth];
   alignas(64) float sums[kGathered * kPanelColumns];
-  const std::int64_t columns = vectors * kBf16Lanes;
+  constexpr std::int64_t kColumns = kVectors * kBf16Lanes;
   nn::kernels::Bf16Multiplier multiplier;
   for (std::int64_t first = 0; first < pairs.count; first += kGathered) {
     const std::int64_t count = std::min(kGathered, pairs.count - first);
@@ -338,12 +338,12 @@ ANIGEN_BF16 void multiply_panel_in_tiles(const RowPairs& pairs, const std::uint1
       const std::int64_t depth = std::min(kDepth, in_channels - k);
       for (std::int64_t i = 0; i < count; ++i)
         std::copy_n(in + pairs.from[first + i] * in_channels + k, depth, rows + i * depth);
-      multiplier.multiply({rows, depth, panel + k * columns, sums, columns, count, depth / 2, vectors}, k > 0);
+      multiplier.multiply({rows, depth, panel + k * kColumns, sums, kColumns, count, depth / 2, kVectors}, k > 0);
     }
     for (std::int64_t i = 0; i < count; ++i) {
       float* const to = out + pairs.to[first + i] * out_channels;
-      for (std::int64_t c = 0; c < columns; c += kBf16Lanes)
-        _mm512_storeu_ps(to + c, _mm512_add_ps(_mm512_loadu_ps(to + c), _mm512_load_ps(sums + i * columns + c)));
+      for (std::int64_t c = 0; c < kColumns; c += kBf16Lanes)
+        _mm512_storeu_ps(to + c, _mm512_add_ps(_mm512_loadu_ps(to + c), _mm512_load_ps(sums + i * kColumns + c)));
     }
   }
 }
@@ -352,28 +352,14 @@ ANIGEN_BF16 void multiply_panel_in_tiles(const RowPairs& pairs, const std::uint1
 // products, added up in fp32.
 void multiply_bf16_pairs(const RowPairs& pairs, const std::uint16_t* in, std::int64_t in_channels,
                          const std::uint16_t* packed, float* out, std::int64_t out_channels) {
+  using Panel = decltype(&multiply_panel<1>);
+  static constexpr Panel kListed[] = {multiply_panel<1>, multiply_panel<2>, multiply_panel<3>, multiply_panel<4>};
+  static constexpr Panel kGathering[] = {multiply_gathered<1>, multiply_gathered<2>, multiply_gathered<3>,
+                                         multiply_gathered<4>};
+  const Panel* const panels = nn::kernels::has_amx_products() ? kGathering : kListed;
   for (std::int64_t first = 0; first < out_channels; first += kPanelColumns) {
     const std::int64_t columns = std::min(kPanelColumns, out_channels - first);
-    const auto multiply = [&](auto panel) { panel(pairs, in, in_channels, packed, out + first, out_channels); };
-    if (nn::kernels::has_amx_products()) {
-      multiply_panel_in_tiles(pairs, in, in_channels, packed, columns / kBf16Lanes, out + first, out_channels);
-      packed += in_channels * columns;
-      continue;
-    }
-    switch (columns / kBf16Lanes) {
-      case 1:
-        multiply(multiply_panel<1>);
-        break;
-      case 2:
-        multiply(multiply_panel<2>);
-        break;
-      case 3:
-        multiply(multiply_panel<3>);
-        break;
-      default:
-        multiply(multiply_panel<4>);
-        break;
-    }
+    panels[columns / kBf16Lanes - 1](pairs, in, in_channels, packed, out + first, out_channels);
     packed += in_channels * columns;
   }
 }

@@ -5,7 +5,6 @@
 
 With IMAGE, in a build with weights, an image becomes an asset, too."""
 import json
-import math
 import os
 import pathlib
 import queue
@@ -14,21 +13,10 @@ import sys
 import tempfile
 import threading
 
+from studio_client import tube
+
 STUDIO, WRAPPER = sys.argv[1:3]
 IMAGE = sys.argv[3] if len(sys.argv) > 3 else ""
-
-
-def rod(rings=10, sides=8):
-    """An .obj of a closed rod along X."""
-    lines = [f"v {r / rings} {0.08 * math.cos(2 * math.pi * s / sides)} {0.08 * math.sin(2 * math.pi * s / sides)}"
-             for r in range(rings) for s in range(sides)]
-    for r in range(rings - 1):
-        for s in range(sides):
-            a, b = r * sides + s + 1, r * sides + (s + 1) % sides + 1
-            lines.append(f"f {a} {b} {b + sides} {a + sides}")
-    lines.append("f " + " ".join(str(s + 1) for s in reversed(range(sides))))
-    lines.append("f " + " ".join(str((rings - 1) * sides + s + 1) for s in range(sides)))
-    return "\n".join(lines) + "\n"
 
 
 class Client:
@@ -115,7 +103,7 @@ def check_protocol(client):
 
 def check_tools(client, folder):
     mesh, rigged = folder / "rod.obj", folder / "rigged.glb"
-    mesh.write_text(rod())
+    mesh.write_bytes(tube(10, 8, 1))
     made = client.made("rig", mesh=str(mesh), method="curve", joints=5, motions=["idle"], output=str(rigged))
     assert made["state"] == "done" and made["result"]["joints"] == 5 and made["output"] == str(rigged), made
     assert rigged.read_bytes()[:4] == b"glTF"

@@ -1,5 +1,6 @@
-"""Requests to a studio on this machine, for the tests that speak HTTP with it."""
+"""Requests to a studio on this machine, and a mesh to send, for the tests that speak HTTP with it."""
 import http.client
+import math
 
 
 def form(parts):
@@ -9,6 +10,22 @@ def form(parts):
         head = f'--b\r\nContent-Disposition: form-data; name="{name}"' + (f'; filename="{file}"' if file else "")
         body += head.encode() + b"\r\n\r\n" + content + b"\r\n"
     return body + b"--b--\r\n"
+
+
+def tube(rings, sides, length):
+    """A closed tube along X as the bytes of an .obj."""
+    lines = []
+    for r in range(rings):
+        for s in range(sides):
+            a = 2 * math.pi * s / sides
+            lines.append(f"v {r / rings * length} {0.08 * math.cos(a)} {0.08 * math.sin(a)}")
+    for r in range(rings - 1):
+        for s in range(sides):
+            a, b = r * sides + s + 1, r * sides + (s + 1) % sides + 1
+            lines.append(f"f {a} {b} {b + sides} {a + sides}")
+    lines.append("f " + " ".join(str(s + 1) for s in reversed(range(sides))))
+    lines.append("f " + " ".join(str((rings - 1) * sides + s + 1) for s in range(sides)))
+    return ("\n".join(lines) + "\n").encode()
 
 
 class StudioClient:

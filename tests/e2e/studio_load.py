@@ -12,7 +12,6 @@ kind, peak memory and what became of all jobs."""
 import http.client
 import io
 import json
-import math
 import os
 import pathlib
 import signal
@@ -25,7 +24,7 @@ import time
 import zipfile
 
 sys.dont_write_bytecode = True  # the checkout stays as it is
-from studio_client import StudioClient
+from studio_client import StudioClient, tube
 
 PROGRAM = sys.argv[1]
 JOBS = int(sys.argv[2]) if len(sys.argv) > 2 else 24
@@ -34,21 +33,6 @@ FULL = JOBS >= 200
 HOSTILE_EVERY, ENDED_EVERY = (20, 20) if FULL else (4, 12)  # requests; those that are ended half-way half as far in
 MOST_SERVER_MEGABYTES, MOST_MEGABYTES = 400, 4000
 DEADLINE = 800 if FULL else 200
-
-
-def tube(rings, sides, length):
-    lines = []
-    for r in range(rings):
-        for s in range(sides):
-            a = 2 * math.pi * s / sides
-            lines.append(f"v {r / rings * length} {0.08 * math.cos(a)} {0.08 * math.sin(a)}")
-    for r in range(rings - 1):
-        for s in range(sides):
-            a, b = r * sides + s + 1, r * sides + (s + 1) % sides + 1
-            lines.append(f"f {a} {b} {b + sides} {a + sides}")
-    lines.append("f " + " ".join(str(s + 1) for s in reversed(range(sides))))
-    lines.append("f " + " ".join(str((rings - 1) * sides + s + 1) for s in range(sides)))
-    return ("\n".join(lines) + "\n").encode()
 
 
 def bomb():

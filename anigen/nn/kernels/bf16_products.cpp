@@ -12,9 +12,8 @@ namespace {
 
 #define ANIGEN_AMX __attribute__((target("amx-tile,amx-bf16")))
 
-constexpr std::int64_t kAmxRows = 16, kAmxPairs = 16,
-                       kAmxColumns = 16;    // of a full tile
-constexpr std::int64_t kFewestAmxRows = 8;  // with fewer, AVX512-BF16 is as fast
+constexpr std::int64_t kAmxRows = 16, kAmxPairs = 16, kAmxColumns = 16;  // of a full tile
+constexpr std::int64_t kFewestAmxRows = 8;                               // with fewer, AVX512-BF16 is as fast
 constexpr std::int64_t kFactorBytes = 2, kPairBytes = 4, kSumBytes = 4;
 constexpr std::int64_t kAsksOfStep = 12;  // tiles of 6 rows and 8 pairs in one of 32 rows and 16 pairs
 

@@ -3,9 +3,9 @@
 import * as THREE from 'three';
 
 import {JointDrag} from '/joint_drag.js';
+import {Undoable} from '/undo.js';
 
 const kRounds = 12;
-const kMostUndo = 200;
 
 // Turns the bones of a chain, nearest to the end first, so that `end` comes to `target` (in the scene).
 export function reach(end, chain, target) {
@@ -26,9 +26,10 @@ export function reach(end, chain, target) {
   }
 }
 
-export class Poser {
+export class Poser extends Undoable {
   // changed(): pose, choice or what can be undone differ; chain(): how many bones turn at most.
   constructor(stage, {changed, chain}) {
+    super();
     Object.assign(this, {stage, changed, chain});
     this.active = false;
     this.drag = new JointDrag(stage, {
@@ -47,8 +48,7 @@ export class Poser {
     this.stage.play(undefined);
     this.stage.marked = -1;
     this.stage.lines.group.visible = true;
-    this.past = [];
-    this.undone = [];
+    this.forgetSteps();
     this.changed();
   }
 
@@ -76,18 +76,6 @@ export class Poser {
       bone.quaternion.copy(pose[j][1]);
     });
     this.changed();
-  }
-  remember() {
-    this.past.push(this.snapshot());
-    if (this.past.length > kMostUndo) this.past.shift();
-    this.undone = [];
-  }
-  undo() { return this.step(this.past, this.undone); }
-  redo() { return this.step(this.undone, this.past); }
-  step(from, to) {
-    if (from.length === 0) return;
-    to.push(this.snapshot());
-    this.restore(from.pop());
   }
   reset() {
     this.remember();

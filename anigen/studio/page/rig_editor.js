@@ -5,13 +5,13 @@ import {TransformControls} from 'three/addons/controls/TransformControls.js';
 
 import {JointDrag} from '/joint_drag.js';
 import * as edits from '/joint_edits.js';
+import {Undoable} from '/undo.js';
 import {SkeletonLines} from '/viewer.js';
 
-const kMostUndo = 200;
-
-export class RigEditor {
+export class RigEditor extends Undoable {
   // changed(): joints or choice differ; moving(): a joint is being dragged; dropped(): it was let go.
   constructor(stage, {changed, moving, dropped}) {
+    super();
     Object.assign(this, {stage, changed, moving, dropped});
     this.active = false;
     this.painting = false;  // presses are the brush's
@@ -52,8 +52,7 @@ export class RigEditor {
     this.strokes = [];
     this.kept = true;  // no joint was moved or added: the rig's own weights stay
     this.continue(before);
-    this.past = [];
-    this.undone = [];
+    this.forgetSteps();
     this.merging = false;
     this.stage.scene.add(this.handle, this.helper);
     this.stage.setSolid(false);
@@ -147,19 +146,6 @@ export class RigEditor {
     Object.assign(this, rest);
     this.redraw();
     this.choose(chosen);
-  }
-  remember() {
-    this.past.push(this.snapshot());
-    if (this.past.length > kMostUndo) this.past.shift();
-    this.undone = [];
-  }
-  undo() { return this.step(this.past, this.undone); }
-  redo() { return this.step(this.undone, this.past); }
-  step(from, to) {
-    if (from.length === 0) return false;
-    to.push(this.snapshot());
-    this.restore(from.pop());
-    return true;
   }
 
   // --- Edits: false where they cannot be done ---
