@@ -12,8 +12,8 @@ packages=(
   libgtest-dev libbenchmark-dev python3-numpy
 )
 
-# Parts of the project that the rest does without: anigen-studio, the Python package.
-optional=(libcpp-httplib-dev pybind11-dev python3-dev)
+# Parts of the project that the rest does without: anigen-studio, the Python package, tests of power losses.
+optional=(libcpp-httplib-dev pybind11-dev python3-dev python3-fusepy)
 
 installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
 

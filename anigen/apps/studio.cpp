@@ -99,7 +99,7 @@ void make_first_job(const StudioArguments& arguments, const CommonOptions& commo
   runner.stop();
   const studio::JobRecord made = store.find(id).value();
   if (made.state != studio::JobState::kDone) throw Error("the example image: " + made.error);
-  fs::create_directories(arguments.first_job.parent_path(), error);
+  make_folders(arguments.first_job.parent_path());
   fs::copy(store.folder(id), arguments.first_job, error);
   if (error) throw WriteError("cannot write " + arguments.first_job.string() + ": " + error.message());
 }

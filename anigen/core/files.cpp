@@ -45,12 +45,8 @@ fs::path temporary_beside(const fs::path& target) {
   return target.parent_path() / (target.stem().string() + mark + target.extension().string());
 }
 
-void make_parent(const fs::path& target) {
-  if (!target.has_parent_path()) return;
-  std::error_code error;
-  fs::create_directories(target.parent_path(), error);
-  if (error) fail(target.parent_path(), "create folder", error.value());
-}
+/// The folder that holds an entry.
+fs::path folder_of(const fs::path& entry) { return entry.has_parent_path() ? entry.parent_path() : fs::path("."); }
 
 using FileNumber = std::pair<dev_t, ino_t>;
 
@@ -63,8 +59,23 @@ std::optional<FileNumber> number_of(const fs::path& file) {
 
 }  // namespace
 
+void make_folders(const fs::path& folder) {
+  if (folder.empty()) return;  // of a name without a folder
+  std::vector<fs::path> missing;
+  std::error_code error;
+  for (fs::path at = folder; !at.empty() && !fs::exists(at, error); at = at.parent_path()) missing.push_back(at);
+  if (missing.empty() && fs::is_directory(folder, error)) return;
+  fs::create_directories(folder, error);
+  if (error) fail(folder, "create folder", error.value());
+  for (const fs::path& made : missing) {
+    const fs::path above = folder_of(made);
+    // One that we may write to and not read cannot be synced.
+    if (::access(above.c_str(), R_OK) == 0) flush_to_disk(above, O_RDONLY | O_DIRECTORY);
+  }
+}
+
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)), temporary_(temporary_beside(target_)) {
-  make_parent(target_);
+  make_folders(target_.parent_path());
 }
 
 AtomicFile::~AtomicFile() {
@@ -77,7 +88,7 @@ void AtomicFile::commit() {
   flush_to_disk(temporary_, O_RDONLY);
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "rename into place");
   committed_ = true;
-  flush_to_disk(target_.has_parent_path() ? target_.parent_path() : fs::path("."), O_RDONLY | O_DIRECTORY);
+  flush_to_disk(folder_of(target_), O_RDONLY | O_DIRECTORY);
 }
 
 void write_file_atomically(const fs::path& path, std::string_view bytes) {

@@ -7,9 +7,14 @@
 
 namespace anigen {
 
+/// Makes a folder and those above it that are missing, so that they are still there after a power loss: the entry of
+/// each is synced. @throws WriteError, Error as write_file_atomically()
+void make_folders(const std::filesystem::path& folder);
+
 /// Writes a file so that a reader, or a crash, never sees half of it: to `<path>.tmp-<process>-<n>`, fsync,
-/// rename, fsync of the folder. Parent folders are created. Any number of machines may write to one folder
-/// (process_number()). @throws WriteError naming the path when the disk refuses, Error when no file can have that name.
+/// rename, fsync of the folder. Parent folders are made (make_folders()). Any number of machines may write to one
+/// folder (process_number()). @throws WriteError naming the path when the disk refuses, Error when no file can have
+/// that name.
 void write_file_atomically(const std::filesystem::path& path, std::string_view bytes);
 
 /// For writers that need a path of their own (images, zip archives): write to temporary(), then commit().

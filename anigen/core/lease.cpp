@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
@@ -176,12 +177,6 @@ class LeaseFolder::Keeper {
     return folder / (kNew + process_number() + "-" + std::to_string(counter++));
   }
 
-  void make_folder() const {
-    std::error_code error;
-    fs::create_directories(folder, error);
-    if (error) throw Error(folder.string() + ": cannot create folder: " + error.message());
-  }
-
   bool somebody_has(const Found& lease) {
     if (lease.given_back || (lease.holder && certainly_gone(*lease.holder))) return false;
     return now() - lease.sign_of_life <= expires;
@@ -282,7 +277,7 @@ std::optional<Lease> LeaseFolder::try_take(const std::string& piece) const {
     found = std::move(next);
     ++last;
   }
-  keeper_->make_folder();
+  make_folders(keeper_->folder);
   if (found && keeper_->somebody_has(*found)) return std::nullopt;
   const fs::path mine = keeper_->unused_name();
   const std::string text = to_json(this_process()).dump() + "\n";

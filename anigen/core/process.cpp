@@ -21,6 +21,7 @@
 #include <thread>
 
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/job.h"
 #include "anigen/core/random.h"
 #include "anigen/core/worker_process.h"
@@ -246,11 +247,7 @@ ProcessIdentity process_identity_from_json(const Json& json) {
 }
 
 std::optional<FileLock> FileLock::try_lock(const std::filesystem::path& file, Kind kind) {
-  if (file.has_parent_path()) {
-    std::error_code error;
-    std::filesystem::create_directories(file.parent_path(), error);
-    if (error) throw Error(file.parent_path().string() + ": cannot create folder: " + error.message());
-  }
+  make_folders(file.parent_path());
   const int descriptor = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (descriptor < 0) throw Error(file.string() + ": cannot open: " + std::strerror(errno));
   const int operation = kind == Kind::kShared ? LOCK_SH : LOCK_EX;
@@ -332,7 +329,7 @@ ChildProcess::ChildProcess(const ChildProgram& program) : last_signal_(program.l
     ::signal(SIGPIPE, SIG_IGN);  // writing to a program that has ended is an error code, not our end
   }
   if (!program.log.empty()) {
-    std::filesystem::create_directories(program.log.parent_path());
+    make_folders(program.log.parent_path());
     log = ::open(program.log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
     if (log < 0) throw Error(program.log.string() + ": cannot be written: " + std::strerror(errno));
   }

@@ -355,7 +355,7 @@ std::string results_markdown(const std::vector<ResultTable>& results, const std:
 
 fs::path write_report(const Experiment& experiment, const Plan& plan, const Workplace& place) {
   const fs::path folder = place.report_folder();
-  fs::create_directories(folder);
+  make_folders(folder);
   const std::vector<ResultTable> results = collect_all_results(experiment, plan, place);
   const std::vector<ClaimResult> claims = judge_claims(experiment, plan, place.out);
   std::string text = "# " + experiment.title + "\n\n";

@@ -280,9 +280,7 @@ std::vector<ReconstructedAsset> reconstruct_assets(const ReconstructRequest& req
       if (wanted) throw InputError(request.run.string(), option, "this run trained the shape alone");
     log::info("the run trained the shape alone: files with one joint");
   }
-  std::error_code error;
-  fs::create_directories(request.output, error);
-  if (error) throw Error(request.output.string() + ": cannot create folder: " + error.message());
+  make_folders(request.output);
   std::vector<ReconstructedAsset> made;
   Progress progress("reconstructing", ids.size(), "assets");
   for (const std::string& id : ids) {

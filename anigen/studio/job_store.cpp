@@ -158,6 +158,7 @@ JobRecord job_record_from_json(const Json& json, const std::string& file) {
   record.inputs = parse_inputs(reader);
   record.names = parse_texts(reader, "names");
   record.names.emplace("file", record.name);
+  for (const auto& [part, input] : record.inputs) record.names.emplace(part, input);
   if (const Json* options = reader.raw("options")) record.options = *options;
   record.group = reader.text("group", "");
   record.source = reader.text("source", "");
@@ -178,9 +179,7 @@ JobRecord job_record_from_json(const Json& json, const std::string& file) {
 JobStore::JobStore(const fs::path& folder) : jobs_(folder / "jobs") {
   lock_ = FileLock::try_lock(folder / "lock", FileLock::Kind::kExclusive);
   if (!lock_) throw InputError(folder.string(), "", "another studio works in this folder; choose another --output");
-  std::error_code error;
-  fs::create_directories(jobs_, error);
-  if (error) throw WriteError("cannot make the folder " + jobs_.string() + ": " + error.message());
+  make_folders(jobs_);
   read_all();
 }
 
@@ -249,17 +248,16 @@ JobRecord JobStore::adopt(const fs::path& from) {
     record.id = id_of(next_++);
   }
   const fs::path place = folder(record.id);
-  std::error_code error;
-  fs::create_directories(place, error);
-  for (const fs::directory_entry& entry : fs::directory_iterator(from, error))
-    if (entry.is_regular_file() && entry.path().filename() != kRecordFile && !error)
-      fs::copy_file(entry.path(), place / entry.path().filename(), error);
-  if (error) {
+  try {
+    for (const fs::directory_entry& entry : fs::directory_iterator(from))
+      if (entry.is_regular_file() && entry.path().filename() != kRecordFile)
+        write_file_atomically(place / entry.path().filename(), read_file(entry.path()));
+    write(record);
+  } catch (...) {
     std::error_code ignored;
     fs::remove_all(place, ignored);
-    throw WriteError("cannot copy " + from.string() + " to " + place.string() + ": " + error.message());
+    throw;
   }
-  write(record);
   const std::lock_guard<std::mutex> lock(mutex_);
   records_[record.id] = record;
   return record;

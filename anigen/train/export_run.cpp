@@ -81,8 +81,7 @@ ExportedRun export_run(const fs::path& run, const fs::path& folder, ExportPrecis
     std::snprintf(name, sizeof name, "_step%07lld", static_cast<long long>(step));
     files.emplace_back(model + name + ".safetensors", std::move(arrays));
   }
-  fs::create_directories(to.checkpoints(), error);
-  if (error) throw Error(to.checkpoints().string() + ": cannot create folder: " + error.message());
+  make_folders(to.checkpoints());
   for (const auto& [name, arrays] : files) {
     io::write_safetensors(to.checkpoints() / name, arrays);
     exported.bytes += fs::file_size(to.checkpoints() / name, error);

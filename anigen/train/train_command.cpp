@@ -158,9 +158,7 @@ void extend(Json& config, const std::string& file, const TrainCommand& command, 
 }
 
 void prepare_run_folder(const TrainCommand& command, const Json& config) {
-  std::error_code error;
-  fs::create_directories(command.run.output, error);
-  if (error) throw Error(command.run.output.string() + ": cannot create folder: " + error.message());
+  make_folders(command.run.output);
   const RunFolder run{command.run.output};
   log::also_to_file(run.log());
   report_changes(run.config(), config);

@@ -74,8 +74,8 @@ std::optional<std::int64_t> step_of_samples(const std::string& folder) {
 }
 
 fs::path new_abandoned_folder(const fs::path& checkpoints, std::int64_t first) {
+  make_folders(checkpoints);
   std::error_code error;
-  fs::create_directories(checkpoints, error);
   for (int number = 1; !error; ++number) {
     const fs::path folder = checkpoints / ("abandoned-" + std::to_string(first) + "-" + std::to_string(number));
     if (fs::create_directory(folder, error)) return folder;
@@ -84,9 +84,9 @@ fs::path new_abandoned_folder(const fs::path& checkpoints, std::int64_t first) {
 }
 
 void move_into(const fs::path& folder, const fs::path& entry) {
+  make_folders(folder);
   std::error_code error;
-  fs::create_directories(folder, error);
-  if (!error) fs::rename(entry, folder / entry.filename(), error);
+  fs::rename(entry, folder / entry.filename(), error);
   if (error) throw Error(entry.string() + ": cannot be moved to " + folder.string() + ": " + error.message());
 }
 

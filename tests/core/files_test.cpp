@@ -49,6 +49,20 @@ TEST(ReadFile, RefusesWhatIsNotThereNotAFileOrTooLarge) {
   EXPECT_EQ(read_file(folder / "ten", 10).size(), 10u);
 }
 
+TEST(MakeFolders, MakesThoseAboveAndRefusesFiles) {
+  const test::TemporaryFolder folder;
+  make_folders(folder / "a/b/c/");
+  EXPECT_TRUE(std::filesystem::is_directory(folder / "a/b/c"));
+  EXPECT_NO_THROW(make_folders(folder / "a/b/c"));
+  EXPECT_NO_THROW(make_folders(""));
+  std::filesystem::create_directory_symlink(folder / "a", folder / "link");
+  make_folders(folder / "link/d");
+  EXPECT_TRUE(std::filesystem::is_directory(folder / "a/d"));
+  write_file_atomically(folder / "file", "x");
+  EXPECT_THROW(make_folders(folder / "file"), Error);
+  EXPECT_THROW(make_folders(folder / "file/e"), Error);
+}
+
 TEST(WriteFile, FailureIsAnErrorThatNamesThePath) {
   try {
     write_file_atomically("/proc/anigen/file", "x");

@@ -1,4 +1,6 @@
-"""Checks of files that programs leave and of what they say, and file systems to try them on, for the tests of faults."""
+"""Checks of files that programs leave and of what they say, file systems to try them on, and tables of trials, for the tests
+of faults."""
+import csv
 import json
 import os
 import re
@@ -7,6 +9,8 @@ import struct
 import subprocess
 import sys
 import zipfile
+
+from power_loss import unsupported
 
 TEMPORARY = ".tmp-"
 BAD_WORDS = ("terminate called", "Segmentation fault", "Assertion", "bad_alloc", "basic_string", "what():")
@@ -96,14 +100,64 @@ def in_own_mounts():
 
 def left_out(folder):
     """(program, fault) that cannot be tried here; program "": of all."""
+    missing = {}
     probe = folder / "probe"
     probe.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "none", probe], stderr=subprocess.DEVNULL).returncode == 0:
         subprocess.run(["umount", probe], check=True)
-        return set()
-    missing = {("studio", "disk full")}
-    if os.geteuid() == 0:
-        missing.add(("", "read-only folder"))  # the administrator writes into those, too
-    for program, fault in sorted(missing):
-        print(f"not supported: {fault} of {program or 'all programs'}: no file system can be mounted here", flush=True)
-    return missing
+    else:
+        missing["studio", "disk full"] = "no file system can be mounted here"
+        if os.geteuid() == 0:  # the administrator writes into those, too
+            missing["", "read-only folder"] = "no file system can be mounted here"
+    reason = unsupported(folder / "recording-probe")
+    if reason:
+        missing["", "power loss"] = reason
+    for (program, fault), reason in sorted(missing.items()):
+        print(f"not supported: {fault} of {program or 'all programs'}: {reason}", flush=True)
+    return set(missing)
+
+
+COLUMNS = ["program", "fault", "trial", "seconds", "bytes_lost", "outcome", "says"]
+
+
+class Results:
+    """Trials of this call, and of earlier calls into the same folder with other programs and faults."""
+
+    def __init__(self, folder, programs, faults):
+        self.folder, self.programs, self.faults = folder, programs, faults  # in the order of the table
+        self.trials, self.problems = [], []
+
+    def add(self, trial, name, fault, number, seconds, problem, lost, places):
+        if problem:
+            self.problems.append(f"{name}, {fault}: {problem}")
+            print("FAILED:", self.problems[-1], flush=True)
+        self.trials.append(dict(zip(COLUMNS, [name, fault, number, f"{seconds:.2f}", lost, problem or "survived",
+                                              message_of(trial.said, places)])))
+
+    def table(self):
+        groups = {}
+        for trial in self.trials:
+            groups.setdefault((trial["program"], trial["fault"]), []).append(trial)
+        lines = ["| program | fault | trials | survived | bytes lost | says |", "|---|---|--:|--:|--:|---|"]
+        for (program, fault), group in groups.items():
+            survived = sum(trial["outcome"] == "survived" for trial in group)
+            words = next((trial["says"] for trial in group if trial["says"]), "").replace("|", "\\|")
+            lost = sum(int(trial["bytes_lost"]) for trial in group)
+            lines.append(f"| {program} | {fault} | {len(group)} | {survived} | {lost} | {words or 'nothing'} |")
+        return "\n".join(lines) + "\n"
+
+    def write(self):
+        if self.folder is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file = self.folder / "trials.csv"
+        if file.exists():
+            made = {(trial["program"], trial["fault"]) for trial in self.trials}
+            with open(file, newline="") as old:
+                self.trials += [trial for trial in csv.DictReader(old) if (trial["program"], trial["fault"]) not in made]
+        self.trials.sort(key=lambda trial: (self.programs.index(trial["program"]), self.faults.index(trial["fault"])))
+        with open(file, "w", newline="") as out:
+            writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self.trials)
+        (self.folder / "table.md").write_text(self.table())

@@ -6,13 +6,13 @@ change what comes out in the end.
 
 BIN has the programs, SOURCE is the checkout. Each piece of work (preparing, training, an experiment, generating, rigging,
 a studio) runs once undisturbed; then each trial disturbs it, by a signal at a random moment, a full or read-only disk, an
-input that vanishes, times of files in the future, a second program on the same folder, or leases of a machine that is
-gone. After the fault every file under a final name must be whole and what the program said must be clear; the same command
-must then finish, and give the same bytes as the undisturbed run. --quick: a trial of each fault, of the work that ends soonest.
+input that vanishes, times of files in the future, a second program on the same folder, leases of a machine that is gone,
+or what a power loss leaves of a run that was recorded (power_loss.py). After the fault every file under a final name must
+be whole and what the program said must be clear; the same command must then finish, and give the same bytes as the
+undisturbed run. --quick: a trial of each fault, of the work that ends soonest.
 Prints a table in Markdown; --output writes it there as table.md, with a line a trial in trials.csv. Disks that fill are
 small tmpfs in a mount namespace of our own (root); without one the limit on the size of files (RLIMIT_FSIZE) stands in."""
 import argparse
-import csv
 import hashlib
 import json
 import os
@@ -27,8 +27,8 @@ import tempfile
 import time
 
 sys.dont_write_bytecode = True  # the checkout stays as it is
-from fault_files import (TEMPORARY, Wrong, bytes_below, check_files, check_words, in_own_mounts, left_out, message_of,
-                         require)
+from fault_files import TEMPORARY, Results, Wrong, bytes_below, check_files, check_words, in_own_mounts, left_out, require
+from power_loss import Recorded
 from studio_client import StudioClient
 
 DAY = 86400
@@ -104,6 +104,7 @@ class Trial:
         self.out.mkdir(parents=True)
         self.folder, self.said, self.mounted = folder, "", False
         self.kept, self.sizes = {}, {}
+        self.lost, self.moment = 0, ""  # bytes that the fault itself cost; when it came
 
     def mount(self, size):
         self.mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "none", self.out]).returncode == 0
@@ -221,13 +222,18 @@ def fault_clock(trial):
 def fault_leases(trial):
     """Killed on a machine that is gone: locks and leases tell of a process that nobody here can ask for."""
     trial.killed_half_way()
-    for file in trial.out.rglob("*"):
+    leave_machine(trial.out, {"host": "gone", "space": "another-boot/pid:[1]"})
+
+
+def leave_machine(folder, changes):
+    """Locks and leases get old, and tell of another machine, or of this one before it started anew."""
+    for file in folder.rglob("*"):
         try:
             holder = json.loads(file.read_bytes()) if file.is_file() and file.stat().st_size < 4096 else None
         except ValueError:
             continue
         if isinstance(holder, dict) and {"host", "space", "id", "started"} <= set(holder):
-            file.write_text(json.dumps({**holder, "host": "gone", "space": "another-boot/pid:[1]"}))
+            file.write_text(json.dumps({**holder, **changes}))
             os.utime(file, (time.time() - 1000, time.time() - 1000))
 
 
@@ -246,9 +252,42 @@ def fault_together(trial):
     trial.after_fault()
 
 
+RECORDED = {}  # by program: a run on the recording file system, which trials share
+
+
+def lose_power(trial, work):
+    """Goes on with what the disk has after a power loss. @param work what is recorded: returns results and `told`"""
+    name = trial.command.name
+    if name not in RECORDED:
+        RECORDED[name] = Recorded(trial.folder.parent / f"{trial.folder.name}-recorded", work)
+    run = RECORDED[name]
+    results, told = run.told
+    trial.out = run.out
+    count, must, trial.moment = run.lose_power(trial.random)
+    set_times(trial.out, -1000)  # it was off for a while
+    leave_machine(trial.out, {"space": "another-boot/pid:[1]"})
+    trial.after_fault()
+    found = trial.command.contents(trial.out)
+    lost = [name for name in sorted(must) if results.get(name) == hashlib.sha256(must[name]).hexdigest() != found.get(name)]
+    trial.lost = sum(len(must[name]) for name in lost)
+    trial.moment += f"; lost: {', '.join(lost[:3])}" if lost else ""
+    return count, told
+
+
+def fault_power(trial):
+    def work(out, position):
+        status, said = trial.command.run(out)
+        require(status == 0, f"status {status} on the recording file system: {said[-300:]}")
+        results = trial.command.contents(out)
+        require(results == trial.whole, "other results on the recording file system")
+        return results, None
+    lose_power(trial, work)
+
+
 FAULTS = [("SIGKILL", fault_kill, 20), ("disk full", fault_full, 10), ("read-only folder", fault_read_only, 2),
           ("input vanishes", fault_vanishes, 5), ("clock jumps", fault_clock, 5),
-          ("two at once", fault_together, 5), ("leases of a lost machine", fault_leases, 5)]
+          ("two at once", fault_together, 5), ("leases of a lost machine", fault_leases, 5),
+          ("power loss", fault_power, 20)]
 
 
 # --- The studio ------------------------------------------------------------------------------------------------------
@@ -325,7 +364,9 @@ class StudioTrial(Trial):
         status, said = studio.stop()
         require(status == 0, f"Ctrl-C gives {status}: {said[-300:]}")
         check_files(self.out)
-        glb = {(self.out / "jobs" / id / "rigged.glb").read_bytes() for id in self.accepted}
+        rigs = [self.out / "jobs" / id / "rigged.glb" for id in self.accepted]
+        require(all(rig.exists() for rig in rigs), "a job that ended has no rig")
+        glb = {rig.read_bytes() for rig in rigs}
         require(len(glb) == 1, "the same job gave different rigs")
         found = self.command.contents(self.out)
         return sum(self.sizes[name] for name, value in self.kept.items() if found.get(name) != value)
@@ -409,8 +450,25 @@ def studio_together(trial):
     trial.after_fault()
 
 
+def studio_power(trial):
+    """Jobs that were accepted before are there."""
+    def work(out, position):
+        trial.out, accepted = out, {}
+        studio = trial.open()
+        for _ in range(3):
+            trial.send(studio, 1)
+            accepted[trial.accepted[-1]] = position()
+        studio.ended()
+        status, said = studio.stop()
+        require(status == 0, f"Ctrl-C gives {status}: {said[-300:]}")
+        return trial.command.contents(out), accepted
+    count, accepted = lose_power(trial, work)
+    log = RECORDED[trial.command.name].log
+    trial.accepted = [id for id, position in accepted.items() if log.count(position) <= count]
+
+
 STUDIO_FAULTS = {"disk full": studio_full, "read-only folder": studio_read_only, "input vanishes": studio_vanishes,
-                 "two at once": studio_together}
+                 "two at once": studio_together, "power loss": studio_power}
 
 
 # --- All -------------------------------------------------------------------------------------------------------------
@@ -454,52 +512,8 @@ def works(bin, source, folder, quick):
 
 PROGRAMS = ["preparation", "training", "experiment", "generation", "rig", "studio"]
 QUICK = {"preparation": {"SIGKILL", "input vanishes", "clock jumps"}, "training": {"SIGKILL"},
-         "rig": {"disk full", "read-only folder", "two at once"},
-         "studio": {"SIGKILL", "disk full", "two at once", "leases of a lost machine"}}
-COLUMNS = ["program", "fault", "trial", "seconds", "bytes_lost", "outcome", "says"]
-
-
-class Results:
-    """Trials of this call, and of earlier calls into the same folder with other programs and faults."""
-
-    def __init__(self, folder):
-        self.folder, self.trials, self.problems = folder, [], []
-
-    def add(self, trial, name, fault, number, seconds, problem, lost, places):
-        if problem:
-            self.problems.append(f"{name}, {fault}: {problem}")
-            print("FAILED:", self.problems[-1], flush=True)
-        self.trials.append(dict(zip(COLUMNS, [name, fault, number, f"{seconds:.2f}", lost, problem or "survived",
-                                              message_of(trial.said, places)])))
-
-    def table(self):
-        groups = {}
-        for trial in self.trials:
-            groups.setdefault((trial["program"], trial["fault"]), []).append(trial)
-        lines = ["| program | fault | trials | survived | bytes lost | says |", "|---|---|--:|--:|--:|---|"]
-        for (program, fault), group in groups.items():
-            survived = sum(trial["outcome"] == "survived" for trial in group)
-            words = next((trial["says"] for trial in group if trial["says"]), "").replace("|", "\\|")
-            lost = sum(int(trial["bytes_lost"]) for trial in group)
-            lines.append(f"| {program} | {fault} | {len(group)} | {survived} | {lost} | {words or 'nothing'} |")
-        return "\n".join(lines) + "\n"
-
-    def write(self):
-        if self.folder is None:
-            return
-        self.folder.mkdir(parents=True, exist_ok=True)
-        file = self.folder / "trials.csv"
-        if file.exists():
-            made = {(trial["program"], trial["fault"]) for trial in self.trials}
-            with open(file, newline="") as old:
-                self.trials += [trial for trial in csv.DictReader(old) if (trial["program"], trial["fault"]) not in made]
-        faults = [fault for fault, _, _ in FAULTS]
-        self.trials.sort(key=lambda trial: (PROGRAMS.index(trial["program"]), faults.index(trial["fault"])))
-        with open(file, "w", newline="") as out:
-            writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(self.trials)
-        (self.folder / "table.md").write_text(self.table())
+         "rig": {"disk full", "read-only folder", "two at once", "power loss"},
+         "studio": {"SIGKILL", "disk full", "two at once", "leases of a lost machine", "power loss"}}
 
 
 def run_trials(results, name, fault, make, disturb, count, places):
@@ -508,10 +522,11 @@ def run_trials(results, name, fault, make, disturb, count, places):
         began = time.monotonic()
         try:
             disturb(trial)
-            lost = trial.finishes()
+            lost = trial.lost
+            lost += trial.finishes()
             require(lost == 0, f"{lost} bytes were lost")
         except Wrong as error:
-            problem = str(error)
+            problem = f"{error} ({trial.moment})" if trial.moment else str(error)
         finally:
             trial.close()
         results.add(trial, name, fault, number, time.monotonic() - began, problem, lost, [trial.out, *places])
@@ -545,7 +560,7 @@ def main():
     seed = arguments.seed if arguments.seed is not None else random.SystemRandom().randrange(1 << 30)
     randomness = random.Random(seed)
     print(f"seed {seed}", flush=True)
-    results = Results(arguments.output)
+    results = Results(arguments.output, PROGRAMS, [fault for fault, _, _ in FAULTS])
     with tempfile.TemporaryDirectory(prefix="anigen-faults-") as place:
         folder = pathlib.Path(place)
         numbers = iter(range(10**9))
