@@ -1,17 +1,20 @@
 #include "anigen/generate/preprocess.h"
 
+#include <fcntl.h>
+#include <unistd.h>
 #include <algorithm>
 #include <cmath>
-#include <fstream>
+#include <exception>
+#include <functional>
 #include <limits>
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgproc.hpp>
-#include <set>
 
 #include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
-#include "anigen/generate/onnx_precision.h"
+#include "anigen/core/process.h"
 #include "anigen/io/image_resize.h"
+#include "anigen/io/onnx.h"
 
 namespace anigen::generate {
 
@@ -110,118 +113,6 @@ double standing_out(const cv::Mat& distance) {
   return std::max(kLeastDistance, kStandsOut * otsu);
 }
 
-constexpr std::uint64_t kLongestName = 1 << 16;
-constexpr std::uint64_t kOnnxHalf = 10;  // element type of 16-bit floats
-
-// A message in the encoding of Protocol Buffers, field after field, from a file.
-class ProtoMessage {
- public:
-  ProtoMessage(std::istream& in, std::uint64_t begin, std::uint64_t end, const std::string& name)
-      : in_(in), at_(begin), end_(end), name_(name) {}
-
-  // Moves to the next field; what has not been read of the last one is skipped.
-  bool next() {
-    at_ = std::max(at_, after_);
-    in_.seekg(static_cast<std::streamoff>(at_));
-    if (at_ >= end_) return false;
-    const std::uint64_t key = varint();
-    field_ = key >> 3;
-    length_ = 0;
-    switch (key & 7) {
-      case 0:
-        number_ = varint();
-        break;
-      case 1:
-        at_ += 8;
-        break;
-      case 2:
-        length_ = varint();
-        if (length_ > end_ - at_) fail();
-        break;
-      case 5:
-        at_ += 4;
-        break;
-      default:
-        fail();
-    }
-    after_ = at_ + length_;
-    if (after_ > end_) fail();
-    return true;
-  }
-  std::uint64_t field() const { return field_; }
-  std::uint64_t number() const { return number_; }
-  std::string text() {
-    if (length_ > kLongestName) fail();
-    std::string bytes(static_cast<std::size_t>(length_), '\0');
-    if (!in_.read(bytes.data(), static_cast<std::streamsize>(bytes.size()))) fail();
-    return bytes;
-  }
-  ProtoMessage message() const { return {in_, at_, after_, name_}; }
-
- private:
-  [[noreturn]] void fail() const {
-    throw InputError(name_, "byte " + std::to_string(at_), "is not an ONNX network, or damaged");
-  }
-  std::uint64_t varint() {
-    std::uint64_t value = 0;
-    for (unsigned shift = 0; shift < 64; shift += 7) {
-      const int byte = at_ < end_ ? in_.get() : EOF;
-      if (byte == EOF) fail();
-      ++at_;
-      value |= static_cast<std::uint64_t>(byte & 0x7F) << shift;
-      if ((byte & 0x80) == 0) return value;
-    }
-    fail();
-  }
-
-  std::istream& in_;
-  std::uint64_t at_, end_, after_ = 0;
-  std::uint64_t field_ = 0, number_ = 0, length_ = 0;
-  const std::string& name_;
-};
-
-// Calls `use` with every field of that number, in order.
-template <typename Use>
-void for_each(ProtoMessage message, std::uint64_t field, const Use& use) {
-  while (message.next()) {
-    if (message.field() == field) use(message);
-  }
-}
-
-// ValueInfoProto { 1: name, 2: TypeProto { 1: Tensor { 2: TensorShapeProto { 1: Dimension { 1: size } } } } }
-OnnxSignature::Value read_value(const ProtoMessage& info) {
-  OnnxSignature::Value value;
-  for_each(info, 1, [&](ProtoMessage& name) { value.name = name.text(); });
-  for_each(info, 2, [&](const ProtoMessage& type) {
-    for_each(type.message(), 1, [&](const ProtoMessage& tensor) {
-      for_each(tensor.message(), 2, [&](const ProtoMessage& shape) {
-        for_each(shape.message(), 1, [&](const ProtoMessage& dimension) {
-          value.shape.push_back(0);
-          for_each(dimension.message(), 1,
-                   [&](const ProtoMessage& size) { value.shape.back() = static_cast<std::int64_t>(size.number()); });
-        });
-      });
-    });
-  });
-  return value;
-}
-
-// GraphProto { 5: initializer { 2: data_type, 8: name }, 11: input, 12: output }
-OnnxSignature read_graph(const ProtoMessage& graph) {
-  OnnxSignature signature;
-  std::set<std::string> stored;
-  for_each(graph, 5, [&](const ProtoMessage& tensor) {
-    for_each(tensor.message(), 8, [&](ProtoMessage& name) { stored.insert(name.text()); });
-    for_each(tensor.message(), 2, [&](const ProtoMessage& type) { signature.half |= type.number() == kOnnxHalf; });
-  });
-  for_each(graph, 11, [&](const ProtoMessage& input) {
-    OnnxSignature::Value value = read_value(input.message());
-    if (stored.count(value.name) == 0) signature.inputs.push_back(std::move(value));  // old files list weights, too
-  });
-  for_each(graph, 12, [&](const ProtoMessage& output) { signature.outputs.push_back(read_value(output.message())); });
-  return signature;
-}
-
 constexpr double kLeastMaximum = 1e-6;  // a black picture is not divided by 0
 
 // A side that the file fixes, or the one asked for.
@@ -240,8 +131,36 @@ void check_normalization(const MattingOptions& options) {
 
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
 
-[[noreturn]] void refuse(const std::string& name, const std::string& what, const cv::Exception& error) {
-  throw InputError(name, "", "OpenCV " CV_VERSION " cannot " + what + " this network: " + first_line(error.err));
+[[noreturn]] void refuse(const std::string& name, const std::string& what, const std::string& problem) {
+  throw InputError(name, "", "OpenCV " CV_VERSION " cannot " + what + " this network: " + first_line(problem));
+}
+
+// Loads a network in a process of its own first, without rights: OpenCV crashes on some damaged ones.
+void try_to_load(const std::function<cv::dnn::Net()>& load, const std::filesystem::path& network) {
+  constexpr double kSeconds = 30.0, kBytesPerSecond = 16.0 * 1024 * 1024;
+  constexpr std::uint64_t kMemory = std::uint64_t{2} << 30, kMemoryPerByte = 8;
+  const std::uintmax_t bytes = std::filesystem::file_size(network);
+  ProcessLimits limits;
+  limits.cpu_seconds = kSeconds + static_cast<double>(bytes) / kBytesPerSecond;
+  limits.more_memory = kMemory + kMemoryPerByte * bytes;
+  limits.sandbox = SandboxRights{};
+  const GuardedWork tried = run_guarded(
+      [&load]() -> std::string {
+        // Protocol Buffers write their own account of an error, and there is no other thread to run on.
+        ::dup2(::open("/dev/null", O_RDONLY), STDERR_FILENO);
+        cv::setNumThreads(1);
+        try {
+          load();
+          return "";
+        } catch (const cv::Exception& error) {
+          return error.err;
+        } catch (const std::exception& error) {
+          return error.what();
+        }
+      },
+      limits);
+  if (!tried.finished) refuse(network.string(), "read", "it " + tried.failure);
+  if (!tried.result.empty()) refuse(network.string(), "read", tried.result);
 }
 
 // [1, 3, H, W], every channel ((value / largest value) - mean) / deviation
@@ -358,20 +277,6 @@ std::vector<std::uint8_t> grabcut_mask(const io::Image& image) {
   return alpha;
 }
 
-OnnxSignature read_onnx_signature(const std::filesystem::path& path) {
-  const std::string name = path.string();
-  std::error_code error;
-  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
-  std::ifstream in(path, std::ios::binary);
-  if (error || !in) throw InputError(name, "", "cannot be read");
-  OnnxSignature signature;
-  // ModelProto { 7: graph }
-  for_each(ProtoMessage(in, 0, bytes, name), 7,
-           [&](const ProtoMessage& graph) { signature = read_graph(graph.message()); });
-  if (!signature.outputs.empty()) return signature;
-  throw InputError(name, "", "is not an ONNX network: it holds no graph");
-}
-
 struct MattingNetwork::Loaded {
   MattingOptions options;
   std::string name, output;
@@ -383,7 +288,7 @@ MattingNetwork::MattingNetwork(const MattingOptions& options) : loaded_(std::mak
   check_normalization(options);
   loaded_->options = options;
   loaded_->name = options.network.string();
-  const OnnxSignature signature = read_onnx_signature(options.network);
+  const io::OnnxSignature signature = io::read_onnx_signature(options.network);
   if (signature.inputs.size() != 1) {
     throw InputError(loaded_->name, "",
                      "has " + std::to_string(signature.inputs.size()) + " inputs; a matting network takes one picture");
@@ -394,16 +299,18 @@ MattingNetwork::MattingNetwork(const MattingOptions& options) : loaded_(std::mak
   loaded_->height = input_side(shape[2], options);
   loaded_->width = input_side(shape[3], options);
   loaded_->output = signature.outputs.front().name;
+  const std::string model =
+      signature.half ? io::onnx_in_full_precision(read_file(options.network), loaded_->name) : std::string();
+  const auto load = [&] {
+    return model.empty() ? cv::dnn::readNetFromONNX(loaded_->name)
+                         : cv::dnn::readNetFromONNX(model.data(), model.size());
+  };
   const QuietOpenCv quiet;
+  try_to_load(load, options.network);
   try {
-    if (signature.half) {
-      const std::string model = in_full_precision(read_file(options.network), loaded_->name);
-      loaded_->net = cv::dnn::readNetFromONNX(model.data(), model.size());
-    } else {
-      loaded_->net = cv::dnn::readNetFromONNX(loaded_->name);
-    }
+    loaded_->net = load();
   } catch (const cv::Exception& error) {
-    refuse(loaded_->name, "read", error);
+    refuse(loaded_->name, "read", error.err);
   }
 }
 
@@ -418,7 +325,7 @@ std::vector<std::uint8_t> MattingNetwork::mask(const io::Image& image) {
     loaded_->net.setInput(network_input(seen, loaded_->options));
     output = loaded_->net.forward(loaded_->output);
   } catch (const cv::Exception& error) {
-    refuse(loaded_->name, "run", error);
+    refuse(loaded_->name, "run", error.err);
   }
   const io::Image mask =
       io::resize_lanczos(stretched(output, loaded_->name), image.width, image.height, io::ResizeAlpha::kSeparate);

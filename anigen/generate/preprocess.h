@@ -92,21 +92,6 @@ void drop_small_parts(cv::Mat& mask, double share);
 /// @return [H · W] alpha 0 … 255; all 0 when nothing stands out
 std::vector<std::uint8_t> grabcut_mask(const io::Image& image);
 
-/// Inputs and outputs of a network in an ONNX file.
-struct OnnxSignature {
-  struct Value {
-    std::string name;
-    std::vector<std::int64_t> shape;  ///< 0 where the file leaves a size open
-  };
-  std::vector<Value> inputs;   ///< without those that have stored weights
-  std::vector<Value> outputs;  ///< in the order of the file
-  bool half = false;           ///< stored weights are 16-bit floats, or some of them
-};
-
-/// Reads names and shapes alone; weights are skipped, however large.
-/// @throws InputError when the file cannot be read or is not ONNX
-OnnxSignature read_onnx_signature(const std::filesystem::path& path);
-
 /// A network that separates an object from its background, and how it wants its pictures. The defaults are
 /// BiRefNet's (docs/reference/flows.md, 5.2), whose weights do not come with this project.
 struct MattingOptions {

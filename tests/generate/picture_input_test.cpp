@@ -11,7 +11,7 @@
 #include "anigen/core/files.h"
 #include "anigen/core/numeric.h"
 #include "anigen/io/image_resize.h"
-#include "tests/generate/onnx_files.h"
+#include "tests/support/onnx_files.h"
 #include "tests/support/paths.h"
 #include "tests/support/picture_files.h"
 

@@ -7,9 +7,9 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/random.h"
-#include "anigen/generate/onnx_precision.h"
 #include "anigen/generate/preprocess.h"
-#include "tests/generate/onnx_files.h"
+#include "anigen/io/onnx.h"
+#include "tests/support/onnx_files.h"
 #include "tests/support/paths.h"
 
 namespace anigen::generate {
@@ -196,8 +196,8 @@ TEST_F(MattingNetworkTest, NetworksOfHalfPrecisionRunInFullPrecision) {
                 {"Conv", {"small picture", "weights"}, {"sum"}, {1, 1}},
                 {"Cast", {"picture"}, {"small picture"}, {}, kHalf}};
   half.weights.front().half = true;
-  EXPECT_TRUE(read_onnx_signature(stored(half).network).half);
-  EXPECT_FALSE(read_onnx_signature(stored(plain).network).half);
+  EXPECT_TRUE(io::read_onnx_signature(stored(half).network).half);
+  EXPECT_FALSE(io::read_onnx_signature(stored(plain).network).half);
   EXPECT_EQ(MattingNetwork(unnormalized(stored(half))).mask(image), wanted);
 
   half.inputs.front().half = half.outputs.front().half = true;  // without casts at either end
@@ -206,29 +206,6 @@ TEST_F(MattingNetworkTest, NetworksOfHalfPrecisionRunInFullPrecision) {
 
   half.nodes = {{"Sigmoid", {"sum"}, {"mask"}, {}}, {"Add", {"mask", "picture"}, {"sum"}, {}}};
   expect_refused(stored(half), "wait for each other");
-}
-
-TEST_F(MattingNetworkTest, DamagedHalfPrecisionGivesErrorsOnly) {
-  test::OnnxFile file = test::channel_sum_network(8, {1, 0, 0});
-  file.weights.front().half = true;
-  const std::string whole = test::onnx_bytes(file);
-  for (std::size_t length = 0; length < whole.size(); ++length) {
-    try {
-      in_full_precision(whole.substr(0, length), "damaged.onnx");
-    } catch (const InputError& error) {
-      EXPECT_EQ(error.file(), "damaged.onnx");
-    }
-  }
-  Rng rng(3, "damage");
-  for (int round = 0; round < 2000; ++round) {
-    std::string changed = whole;
-    changed[rng.index(changed.size())] = static_cast<char>(rng.index(256));
-    try {
-      in_full_precision(changed, "damaged.onnx");
-    } catch (const InputError& error) {
-      EXPECT_EQ(error.file(), "damaged.onnx");
-    }
-  }
 }
 
 TEST_F(MattingNetworkTest, TheMaskReturnsToThePicturesSize) {
@@ -287,6 +264,9 @@ TEST_F(MattingNetworkTest, RefusesWhatIsNoMattingNetwork) {
   file = test::channel_sum_network(8, {1, 0, 0});
   file.nodes.front().type = "NoSuchOperator";
   expect_refused(stored(file), "OpenCV");
+  file = test::channel_sum_network(8, {1, 0, 0});
+  file.nodes.front().inputs[1] = "missing";  // OpenCV 4.6 crashes
+  expect_refused(stored(file), "OpenCV");
 
   MattingOptions options = stored(test::channel_sum_network(8, {1, 0, 0}));
   options.deviation[1] = 0.0;
@@ -307,33 +287,6 @@ TEST_F(MattingNetworkTest, RefusesOutputsThatAreNoMask) {
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("no object"), std::string::npos) << error.what();
   }
-}
-
-TEST_F(MattingNetworkTest, DamagedFilesGiveErrorsOnly) {
-  const std::string whole = test::onnx_bytes(test::channel_sum_network(8, {1, 0, 0}));
-  const auto path = folder_ / "damaged.onnx";
-  const auto read = [&](const std::string& bytes) {
-    write_file_atomically(path, bytes);
-    try {
-      read_onnx_signature(path);
-    } catch (const InputError&) {
-    }
-  };
-  for (std::size_t length = 0; length < whole.size(); ++length) read(whole.substr(0, length));
-  for (std::size_t at = 0; at < whole.size(); ++at) {
-    for (const int value : {0x00, 0x7F, 0x80, 0xFF}) {
-      std::string damaged = whole;
-      damaged[at] = static_cast<char>(value);
-      read(damaged);
-    }
-  }
-  write_file_atomically(path, whole);
-  const OnnxSignature signature = read_onnx_signature(path);
-  ASSERT_EQ(signature.inputs.size(), 1u);
-  EXPECT_EQ(signature.inputs[0].name, "picture");
-  EXPECT_EQ(signature.inputs[0].shape, (std::vector<std::int64_t>{1, 3, 8, 8}));
-  ASSERT_EQ(signature.outputs.size(), 1u);
-  EXPECT_EQ(signature.outputs[0].name, "mask");
 }
 
 TEST_F(MattingNetworkTest, WeightsListedAmongTheInputsAreNotPictures) {

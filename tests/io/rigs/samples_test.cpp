@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "anigen/io/arrays/npz.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "tests/io/arrays/array_file_bytes.h"
 #include "tests/support/rig_files.h"

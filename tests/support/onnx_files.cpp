@@ -1,4 +1,4 @@
-#include "tests/generate/onnx_files.h"
+#include "tests/support/onnx_files.h"
 
 #include <cstring>
 
