@@ -1,17 +1,10 @@
-// Coverage-guided fuzzing of all readers by libFuzzer. The program's name chooses the reader: fuzz_glb, fuzz_obj, …,
-// links of one program (fuzz/CMakeLists.txt); scripts/fuzz.sh runs them. A reader may throw anigen::Error and nothing
-// else; what it accepts must be sound.
 #include <unistd.h>
 
-#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
-#include <map>
-#include <string>
-#include <vector>
+#include <set>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
@@ -23,39 +16,19 @@
 #include "anigen/io/image.h"
 #include "anigen/io/mtl.h"
 #include "anigen/io/obj.h"
+#include "anigen/io/onnx.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/bvh.h"
 #include "anigen/io/rigs/text_rig.h"
 #include "anigen/io/stl.h"
 #include "anigen/io/three_mf.h"
+#include "fuzz/targets.h"
+
+namespace anigen::fuzz {
 
 namespace {
 
-namespace fs = std::filesystem;
-using namespace anigen;
-
 constexpr std::size_t kMostVertices = 1'000'000;
-
-/// The input as a file in memory, for readers that take a path.
-fs::path as_file(const std::string& bytes, const std::string& extension) {
-  static const std::string stem = "/dev/shm/anigen_fuzz_" + std::to_string(::getpid());
-  const fs::path path = stem + extension;
-  std::ofstream(path, std::ios::binary | std::ios::trunc)
-      .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  static const bool registered =
-      std::atexit([] {
-        for (const char* each : {".ply", ".stl", ".3mf", ".npz", ".pt", ".safetensors", ".txt"})
-          std::remove((stem + each).c_str());
-      }) == 0;
-  static_cast<void>(registered);
-  return path;
-}
-
-void require(bool holds, const char* sentence) {
-  if (holds) return;
-  std::fprintf(stderr, "fuzz: %s\n", sentence);
-  std::abort();
-}
 
 void check_mesh(const Mesh& mesh) {
   for (const auto& face : mesh.faces)
@@ -71,6 +44,10 @@ io::ImportOptions small_assets() {
   return options;
 }
 
+void read_gltf(const std::string& bytes, const char* name) {
+  check_mesh(io::read_gltf_bytes(bytes, name, small_assets()).asset.mesh);
+}
+
 io::pickle::Source pickle_source() {
   io::pickle::Source source;
   source.file = "input.pkl";
@@ -78,18 +55,132 @@ io::pickle::Source pickle_source() {
   return source;
 }
 
-using Reader = void (*)(const std::string& bytes);
+void append_number(std::string& to, std::uint32_t number) {
+  for (int shift = 0; shift < 32; shift += 8) to += static_cast<char>(number >> shift & 0xFF);
+}
 
-const std::map<std::string, Reader>& readers() {
-  static const std::map<std::string, Reader> table{
-      {"glb",
-       [](const std::string& bytes) {
-         check_mesh(io::read_gltf_bytes(bytes, "input.glb", small_assets()).asset.mesh);
-       }},
-      {"gltf",
-       [](const std::string& bytes) {
-         check_mesh(io::read_gltf_bytes(bytes, "input.gltf", small_assets()).asset.mesh);
-       }},
+/// A GLB file of a JSON text and a binary chunk.
+std::string glb_of(const Json& json, const std::string& binary) {
+  std::string text = json.dump(), data = binary;
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  data.resize((data.size() + 3) / 4 * 4, '\0');
+  std::string glb = "glTF";
+  append_number(glb, 2);
+  append_number(glb, static_cast<std::uint32_t>(28 + text.size() + data.size()));
+  append_number(glb, static_cast<std::uint32_t>(text.size()));
+  glb += "JSON" + text;
+  append_number(glb, static_cast<std::uint32_t>(data.size()));
+  return glb + std::string("BIN\0", 4) + data;
+}
+
+/// glTF of one mesh, whose views and primitive are given.
+Json one_mesh(Json views, Json accessors, Json primitive, std::size_t buffer_bytes, const char* extension) {
+  return {{"asset", {{"version", "2.0"}}},
+          {"extensionsUsed", {extension}},
+          {"extensionsRequired", {extension}},
+          {"scenes", Json::array({{{"nodes", {0}}}})},
+          {"nodes", Json::array({{{"mesh", 0}}})},
+          {"meshes", Json::array({{{"primitives", Json::array({std::move(primitive)})}}})},
+          {"accessors", std::move(accessors)},
+          {"bufferViews", std::move(views)},
+          {"buffers", Json::array({{{"byteLength", buffer_bytes}}})}};
+}
+
+/// A number of the input's first bytes, which leave it.
+std::size_t take_number(std::string& bytes, std::size_t size) {
+  std::size_t number = 0;
+  for (std::size_t i = 0; i < size && i < bytes.size(); ++i)
+    number |= static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])) << 8 * i;
+  bytes.erase(0, size);
+  return number;
+}
+
+/// Draco data behind two numbers of 16 bits: vertices and triangles that the file claims.
+void read_draco(std::string bytes) {
+  const std::size_t vertices = 1 + take_number(bytes, 2), triangles = 1 + take_number(bytes, 2);
+  const Json draco{{"bufferView", 0}, {"attributes", {{"POSITION", 0}, {"TEXCOORD_0", 1}, {"JOINTS_0", 2}}}};
+  const Json primitive{{"attributes", {{"POSITION", 0}, {"TEXCOORD_0", 2}}},
+                       {"indices", 1},
+                       {"extensions", {{"KHR_draco_mesh_compression", draco}}}};
+  const Json accessors = Json::array({{{"componentType", 5126}, {"count", vertices}, {"type", "VEC3"}},
+                                      {{"componentType", 5125}, {"count", 3 * triangles}, {"type", "SCALAR"}},
+                                      {{"componentType", 5126}, {"count", vertices}, {"type", "VEC2"}}});
+  const Json views = Json::array({{{"buffer", 0}, {"byteLength", bytes.size()}}});
+  read_gltf(glb_of(one_mesh(views, accessors, primitive, bytes.size(), "KHR_draco_mesh_compression"), bytes),
+            "input.glb");
+}
+
+/// Meshopt data behind a byte that chooses mode and filter, and the number of elements in 16 bits. Decoded data are the
+/// positions, or the indices of 256 vertices at 0.
+void read_meshopt(std::string bytes) {
+  const std::size_t choice = take_number(bytes, 1);
+  std::size_t count = 1 + take_number(bytes, 2);
+  constexpr const char *kModes[] = {"ATTRIBUTES", "TRIANGLES", "INDICES"},
+                       *kFilters[] = {"NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"};
+  constexpr std::size_t kVertices = 256;
+  const std::size_t mode = choice % 3, filter = mode == 0 ? choice / 3 % 4 : 0;
+  const bool wide = choice / 12 % 2 == 1;
+  if (mode == 1) count = (count + 2) / 3 * 3;
+  const std::size_t stride = mode == 0 ? (filter == 1 || filter == 2 ? 8 : wide ? 16 : 12) : wide ? 4 : 2;
+  const Json packed{{"buffer", 0},    {"byteLength", bytes.size()}, {"byteStride", stride},
+                    {"count", count}, {"mode", kModes[mode]},       {"filter", kFilters[filter]}};
+  Json view{{"buffer", 0}, {"byteLength", count * stride}, {"extensions", {{"EXT_meshopt_compression", packed}}}};
+  Json accessors, primitive;
+  if (mode == 0) {
+    view["byteStride"] = stride;
+    const bool floats = filter == 0 || filter == 3;
+    accessors = Json::array({{{"bufferView", 0},
+                              {"componentType", floats ? 5126 : 5122},
+                              {"normalized", !floats},
+                              {"count", count},
+                              {"type", "VEC3"}}});
+    primitive = {{"attributes", {{"POSITION", 0}}}};
+  } else {
+    accessors =
+        Json::array({{{"componentType", 5126}, {"count", kVertices}, {"type", "VEC3"}},
+                     {{"bufferView", 0}, {"componentType", wide ? 5125 : 5123}, {"count", count}, {"type", "SCALAR"}}});
+    primitive = {{"attributes", {{"POSITION", 0}}}, {"indices", 1}};
+  }
+  read_gltf(glb_of(one_mesh(Json::array({view}), accessors, primitive, bytes.size(), "EXT_meshopt_compression"), bytes),
+            "input.glb");
+}
+
+}  // namespace
+
+void require(bool holds, const char* sentence) {
+  if (holds) return;
+  std::fprintf(stderr, "fuzz: %s\n", sentence);
+  std::abort();
+}
+
+std::string as_file(const std::string& bytes, const std::string& extension) {
+  static const std::string stem = "/dev/shm/anigen_fuzz_" + std::to_string(::getpid());
+  static std::set<std::string> made;
+  static const bool registered = std::atexit([] {
+                                   for (const std::string& path : made) std::remove(path.c_str());
+                                 }) == 0;
+  static_cast<void>(registered);
+  const std::string path = stem + extension;
+  made.insert(path);
+  std::ofstream(path, std::ios::binary | std::ios::trunc)
+      .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  return path;
+}
+
+void run(Target target, const std::string& bytes) {
+  try {
+    target(bytes);
+  } catch (const Error&) {
+    // Refused with a reason.
+  }
+}
+
+std::map<std::string, Target> targets() {
+  std::map<std::string, Target> table{
+      {"glb", [](const std::string& bytes) { read_gltf(bytes, "input.glb"); }},
+      {"gltf", [](const std::string& bytes) { read_gltf(bytes, "input.gltf"); }},
+      {"draco", [](const std::string& bytes) { read_draco(bytes); }},
+      {"meshopt", [](const std::string& bytes) { read_meshopt(bytes); }},
       {"obj", [](const std::string& bytes) { io::parse_obj(bytes, "input.obj"); }},
       {"mtl", [](const std::string& bytes) { io::parse_mtl(bytes, "input.mtl"); }},
       {"ply", [](const std::string& bytes) { check_mesh(io::read_ply(as_file(bytes, ".ply"))); }},
@@ -110,33 +201,16 @@ const std::map<std::string, Reader>& readers() {
        [](const std::string& bytes) {
          io::decode_image({bytes.begin(), bytes.end()}, "input.png");
        }},
+      {"onnx",
+       [](const std::string& bytes) {
+         io::read_onnx_signature(as_file(bytes, ".onnx"));
+         io::onnx_in_full_precision(bytes, "input.onnx");
+       }},
   };
+#ifdef ANIGEN_WITH_STUDIO
+  table.merge(program_targets());
+#endif
   return table;
 }
 
-Reader chosen = nullptr;
-
-}  // namespace
-
-extern "C" int LLVMFuzzerInitialize(int* /*argc*/, char*** argv) {
-  std::string name = fs::path((*argv)[0]).filename().string();
-  if (name.rfind("fuzz_", 0) == 0) name = name.substr(5);
-  const auto found = readers().find(name);
-  if (found == readers().end()) {
-    std::fprintf(stderr, "fuzz: \"%s\" is none of:", name.c_str());
-    for (const auto& [word, reader] : readers()) std::fprintf(stderr, " %s", word.c_str());
-    std::fprintf(stderr, "\n");
-    return std::exit(2), 0;
-  }
-  chosen = found->second;
-  return 0;
-}
-
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  try {
-    chosen(std::string(reinterpret_cast<const char*>(data), size));
-  } catch (const Error&) {
-    // Refused with a reason.
-  }
-  return 0;
-}
+}  // namespace anigen::fuzz

@@ -6,15 +6,19 @@
 #include <tbb/parallel_for.h>
 #include <unistd.h>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <exception>
 #include <fstream>
 #include <memory>
+#include <mutex>
 #include <set>
 #include <sstream>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "anigen/core/job.h"
 
@@ -98,6 +102,40 @@ int number_in(const char* variable) {
 
 }  // namespace
 
+namespace {
+
+#ifdef __SANITIZE_THREAD__
+/// A loop on threads of its own, which the thread sanitizer sees: the library of TBB is built without it.
+template <typename Body>
+void loop(std::size_t n, const Body& body) {
+  std::atomic<std::size_t> next{0};
+  std::mutex mutex;
+  std::exception_ptr problem;
+  std::vector<std::thread> threads;
+  for (int t = 0; t < thread_count(); ++t) {
+    threads.emplace_back([&] {
+      for (std::size_t i = next++; i < n; i = next++) {
+        try {
+          body(i);
+        } catch (...) {
+          const std::lock_guard<std::mutex> lock(mutex);
+          if (!problem) problem = std::current_exception();
+        }
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  if (problem) std::rethrow_exception(problem);
+}
+#else
+template <typename Body>
+void loop(std::size_t n, const Body& body) {
+  tbb::parallel_for(std::size_t{0}, n, body);
+}
+#endif
+
+}  // namespace
+
 void set_thread_count(int threads) {
   static std::unique_ptr<tbb::global_control> control;
   count_setting() = threads > 0 ? threads : cores_to_use();
@@ -133,7 +171,7 @@ void parallel_for(std::size_t n, const std::function<void(std::size_t)>& body) {
     return;
   }
   Job* job = current_job();
-  tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
+  loop(n, [&](std::size_t i) {
     const JobScope scope(job);
     body(i);
   });
