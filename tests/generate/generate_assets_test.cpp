@@ -19,10 +19,10 @@
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/sparse_structure/flow.h"
 #include "anigen/structured_latent/flow.h"
-#include "tests/support/onnx_files.h"
 #include "tests/generate/red_matting.h"
 #include "tests/generate/small_runs.h"
 #include "tests/support/hinged_boxes.h"
+#include "tests/support/onnx_files.h"
 #include "tests/support/paths.h"
 
 namespace anigen::generate {
