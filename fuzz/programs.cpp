@@ -8,6 +8,7 @@
 #include <string>
 
 #include "anigen/core/files.h"
+#include "anigen/core/private_folder.h"
 #include "anigen/engine/files.h"
 #include "anigen/experiment/file.h"
 #include "anigen/experiment/plan.h"
@@ -24,26 +25,6 @@ namespace anigen::fuzz {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A folder in memory, empty at first, that goes with this process.
-class Folder {
- public:
-  explicit Folder(const std::string& name) : path_("/dev/shm/anigen_fuzz_" + std::to_string(::getpid()) + "_" + name) {
-    fs::remove_all(path_);
-    fs::create_directories(path_);
-  }
-  ~Folder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
-  const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
 
 // --- Requests of the studio ---
 
@@ -67,7 +48,7 @@ class Studio {
     server_ = std::make_unique<studio::Server>(*api_, options);
   }
 
-  /// What comes back for the bytes of one connection.
+  /// Sends the bytes of one connection. @return the answer
   std::string answer(const std::string& bytes) const {
     const int connection = ::socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in address{};
@@ -112,7 +93,7 @@ class Studio {
   bool is_whole() const { return store_.find(first_).has_value(); }
 
  private:
-  Folder folder_{"studio"};
+  PrivateFolder folder_;
   studio::JobStore store_{folder_.path()};
   std::string first_;
   std::unique_ptr<studio::JobRunner> runner_;
@@ -138,19 +119,19 @@ void answer_request(const std::string& bytes) {
 
 /// Reads and plans an experiment beside programs that are there and never called.
 void plan_experiment(const std::string& bytes) {
-  static const Folder folder("experiment");
+  static const PrivateFolder folder;
   static const bool filled = [] {
     for (const char* program : {"prepare", "train", "encode", "eval", "generate", "rig", "animate"})
-      write_file_atomically(folder.path() / "bin" / (std::string("anigen-") + program), "");
+      write_file_atomically(folder / "bin" / (std::string("anigen-") + program), "");
     for (const char* name : {"train.json", "base.json"})
-      write_file_atomically(folder.path() / name, R"({"trainer": {"args": {"lr": 1, "max_steps": 5}}})");
+      write_file_atomically(folder / name, R"({"trainer": {"args": {"lr": 1, "max_steps": 5}}})");
     return true;
   }();
   static_cast<void>(filled);
   const fs::path file = as_file(bytes, ".json");
   if (experiment::read_collection(file)) return;
   const experiment::Experiment read = experiment::read_experiment(file);
-  experiment::make_plan(read, {folder.path() / "out", folder.path() / "bin", "cpu"});
+  experiment::make_plan(read, {folder / "out", folder / "bin", "cpu"});
 }
 
 }  // namespace

@@ -1,13 +1,11 @@
-#include <unistd.h>
-
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <set>
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/core/private_folder.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/pickle.h"
 #include "anigen/io/arrays/safetensors.h"
@@ -154,14 +152,8 @@ void require(bool holds, const char* sentence) {
 }
 
 std::string as_file(const std::string& bytes, const std::string& extension) {
-  static const std::string stem = "/dev/shm/anigen_fuzz_" + std::to_string(::getpid());
-  static std::set<std::string> made;
-  static const bool registered = std::atexit([] {
-                                   for (const std::string& path : made) std::remove(path.c_str());
-                                 }) == 0;
-  static_cast<void>(registered);
-  const std::string path = stem + extension;
-  made.insert(path);
+  static const PrivateFolder folder;
+  const std::string path = folder / ("input" + extension);
   std::ofstream(path, std::ios::binary | std::ios::trunc)
       .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   return path;

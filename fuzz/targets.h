@@ -14,13 +14,13 @@ std::map<std::string, Target> targets();
 /// The targets of programs.cpp, for builds with the studio.
 std::map<std::string, Target> program_targets();
 
-/// Calls a target. What it refuses by an Error is refused with a reason, and well.
+/// Calls a target. An Error is a good answer: the input was refused with a reason.
 void run(Target target, const std::string& bytes);
 
 /// Ends the process with the sentence when it does not hold.
 void require(bool holds, const char* sentence);
 
-/// The bytes as a file in memory, of a name that stays the same in this process and goes with it.
+/// Writes the bytes to a temporary file, whose name stays the same in this process and which goes with it.
 std::string as_file(const std::string& bytes, const std::string& extension);
 
 }  // namespace anigen::fuzz

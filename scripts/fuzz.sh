@@ -9,6 +9,8 @@
 # 1: mend the reader, and keep the input in the corpus and, made small, as a test.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+# Targets write small files many times a second: to memory.
+[ ! -w /dev/shm ] || export TMPDIR=/dev/shm
 corpus=build/fuzz/corpus findings=build/fuzz/findings
 declare -A extensions=([glb]=glb [gltf]=gltf [draco]= [meshopt]= [obj]=obj [mtl]=mtl [ply]=ply [stl]=stl [three_mf]=3mf [bvh]=bvh
   [npz]=npz [npz_objects]=npz [pickle]=pkl [torch]="pt pth" [safetensors]=safetensors [text_rig]=txt [json]=json

@@ -17,7 +17,7 @@ import tempfile
 import time
 
 sys.dont_write_bytecode = True  # the checkout stays as it is
-from studio_client import StudioClient, tube
+from studio_client import StudioClient, children, tube
 
 MOST_GROWTH = 16.0  # MB: of a job that is kept, the studio knows some kB
 PIECES = 5
@@ -32,16 +32,6 @@ def resident(pid):
     except OSError:
         pass
     return 0.0
-
-
-def children(pid):
-    found = []
-    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            found += [int(word) for word in task.read_text().split()]
-        except OSError:
-            pass
-    return found
 
 
 class Curve:

@@ -1,6 +1,7 @@
 """Requests to a studio on this machine, and a mesh to send, for the tests that speak HTTP with it."""
 import http.client
 import math
+import pathlib
 
 
 def form(parts):
@@ -26,6 +27,17 @@ def tube(rings, sides, length):
     lines.append("f " + " ".join(str(s + 1) for s in reversed(range(sides))))
     lines.append("f " + " ".join(str((rings - 1) * sides + s + 1) for s in range(sides)))
     return ("\n".join(lines) + "\n").encode()
+
+
+def children(pid):
+    """Processes that a process has started and that still run, the latest last."""
+    found = []
+    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            found += [int(word) for word in task.read_text().split()]
+        except OSError:
+            pass
+    return sorted(found)
 
 
 class StudioClient:

@@ -24,7 +24,7 @@ import time
 import zipfile
 
 sys.dont_write_bytecode = True  # the checkout stays as it is
-from studio_client import StudioClient, tube
+from studio_client import StudioClient, children, tube
 
 PROGRAM = sys.argv[1]
 JOBS = int(sys.argv[2]) if len(sys.argv) > 2 else 24
@@ -67,13 +67,7 @@ class Studio(StudioClient):
 
     def workers(self):
         """Processes of jobs, the latest last."""
-        found = []
-        for task in pathlib.Path(f"/proc/{self.process.pid}/task").glob("*/children"):
-            try:
-                found += [int(word) for word in task.read_text().split()]
-            except OSError:
-                pass
-        return sorted(found)
+        return children(self.process.pid)
 
     def measure(self):
         def kilobytes(pid, key):
