@@ -23,11 +23,12 @@ bool is_one_of(const std::string& name, std::initializer_list<const char*> names
 std::string openblas_core() {
 #if defined(__x86_64__) && defined(__GNUC__)
   if (__builtin_cpu_supports("avx2") == 0 || __builtin_cpu_supports("fma") == 0) return "";
-  if (__builtin_cpu_is("amd") != 0) return "Zen";
   const bool avx512 = __builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512cd") != 0 &&
                       __builtin_cpu_supports("avx512bw") != 0 && __builtin_cpu_supports("avx512dq") != 0 &&
                       __builtin_cpu_supports("avx512vl") != 0;
-  return avx512 ? "SkylakeX" : "Haswell";
+  // AMD's with AVX-512, too: 0.3.21 has no kernels of their own for them, and takes those for AVX2.
+  if (avx512) return "SkylakeX";
+  return __builtin_cpu_is("amd") != 0 ? "Zen" : "Haswell";
 #else
   return "";
 #endif
