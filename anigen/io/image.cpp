@@ -45,7 +45,7 @@ cv::Mat decode(const std::vector<std::uint8_t>& bytes, const std::string& name) 
   } catch (const std::bad_alloc&) {
     throw InputError(name, "", "picture does not fit into memory");
   }
-  throw InputError(name, "", "cannot be decoded as a picture (damaged, or an unknown format)");
+  throw InputError(name, "", "cannot be decoded as a picture: it is damaged");
 }
 
 std::uint8_t to_byte(const cv::Mat& picture, int y, int x, int channel) {
@@ -68,7 +68,11 @@ Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& na
   if (bytes.size() > std::size_t{1} << 30) throw InputError(name_for_errors, "", "picture file larger than 1 GiB");
   // Before OpenCV allocates what a hostile header asks for.
   const PictureSize announced = probe_picture(bytes, name_for_errors);
-  if (announced.known) refuse_size(announced.width, announced.height, name_for_errors);
+  // OpenCV would try readers of dozens of other formats, down to DICOM, whose sizes nobody has checked.
+  if (!announced.known)
+    throw InputError(name_for_errors, "",
+                     "cannot be decoded as a picture: no PNG, JPEG, WebP, BMP or TIFF file, or a damaged one");
+  refuse_size(announced.width, announced.height, name_for_errors);
   const cv::Mat picture = decode(bytes, name_for_errors);
   refuse_size(static_cast<std::uint64_t>(picture.cols), static_cast<std::uint64_t>(picture.rows), name_for_errors);
   const int channels = picture.channels(), depth = picture.depth();

@@ -27,8 +27,8 @@ struct StoredPixels {
   int bits = 0;      ///< per channel: 8, 16 or 32 (a float); fewer count as 8
 };
 
-/// PNG, JPEG or what OpenCV reads. @param stored set, when not null, to what the file held
-/// @throws InputError when it cannot be decoded or exceeds 16,384 pixels on a side
+/// PNG, JPEG, WebP, BMP or TIFF. @param stored set, when not null, to what the file held
+/// @throws InputError when it is none of these, cannot be decoded or exceeds 16,384 pixels on a side
 Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
                    StoredPixels* stored = nullptr);
 Image read_image(const std::filesystem::path& path);

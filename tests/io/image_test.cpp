@@ -108,6 +108,15 @@ TEST(Image, RefusesWhatIsNoPicture) {
   }
 }
 
+TEST(Image, RefusesFormatsWhoseSizesNobodyChecks) {
+  for (const char* extension : {".ppm", ".sr", ".hdr"}) {
+    const cv::Mat picture = extension == std::string(".hdr") ? cv::Mat(2, 3, CV_32FC3, cv::Scalar(1, 2, 3))
+                                                             : cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3));
+    EXPECT_THROW(decode_image(encoded(extension, picture), std::string("picture") + extension), InputError)
+        << extension;
+  }
+}
+
 TEST(Image, RefusesHostileSizesBeforeDecoding) {
   Bytes png = encode_png(gradient(4, 4));
   set_big_endian(png, 16, 16385);
