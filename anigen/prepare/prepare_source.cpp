@@ -162,7 +162,8 @@ AssetRecord record_from_columns(const Json& columns) {
 struct SourcePreparer::Root {
   std::size_t variant = 0;
   Json options;
-  std::function<Json()> columns;  ///< makes the asset available to the job and returns what was measured
+  std::function<Json()> columns;    ///< makes the asset available to the job and returns what was measured
+  std::function<bool()> unchanged;  ///< the source still has the content of its id
 };
 
 SourcePreparer::SourcePreparer(std::filesystem::path out, StepPlan plan,
@@ -193,8 +194,11 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
     StepFailure failure{job.id(), root.variant, name, fingerprint, "", ""};
     const bool done = try_work(task.source.file_identifier, work, failure);
     outcome.timings.push_back(watch.read(name));
-    if (!done) outcome.failures.push_back(std::move(failure));
-    return done;
+    if (done) return true;
+    // A file that went away or changed meanwhile says nothing about what was to be prepared.
+    if (!root.unchanged()) failure.fingerprint.clear();
+    outcome.failures.push_back(std::move(failure));
+    return false;
   };
 
   const std::string root_fingerprint = records.fingerprint(kImport, kImportVersion, root.options, {});
@@ -269,6 +273,14 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
         unreadable);
   }
   root.columns = [&] { return import_columns(import().record); };
+  root.unchanged = [&task, content = root.options.value("content", id), this] {
+    if (task.source.procedural()) return true;
+    try {
+      return reader_.content_id(task.source.rig()) == content;
+    } catch (const Error&) {
+      return false;
+    }
+  };
   outcome.assets.push_back(prepare_asset(root, job, task, observe));
   if (!outcome.assets[0].imported) return outcome;
 
@@ -292,6 +304,7 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
     variant_root.variant = variant_number(k);
     variant_root.options = {
         {"source", root.options}, {"seed", plan_.seed}, {"variant", k}, {"poses", settings_of(plan_.poses)}};
+    variant_root.unchanged = root.unchanged;
     variant_root.columns = [&] {
       pose();
       return columns;

@@ -30,7 +30,8 @@ struct StepFailure {
   std::string id;           ///< of the asset; empty when the source could not even be identified
   std::size_t variant = 0;  ///< 0: the asset itself, k + 1: its posed variant k
   std::string step;
-  std::string fingerprint;  ///< what was tried; the same again is not tried again unless asked for
+  std::string fingerprint;  ///< what was tried; the same again is not tried again unless asked for. Empty: the source
+                            ///< changed or went away meanwhile, or could not be identified
   std::string reason;
   std::string rule;  ///< of cleaning, when one dropped the asset
 };

@@ -15,6 +15,7 @@
 #include "anigen/prepare/prepare_source.h"
 #include "anigen/prepare/steps.h"
 #include "anigen/render/cameras_json.h"
+#include "tests/support/hinged_boxes.h"
 #include "tests/support/paths.h"
 
 namespace anigen::prepare {
@@ -250,6 +251,44 @@ TEST_F(Steps, GiveEqualBytesHoweverTheyWereInterrupted) {
     prepare();
     EXPECT_EQ(contents(), whole) << "interrupted at step " << n;
   }
+}
+
+TEST(PrepareSource, AFileThatGoesAwayMeanwhileIsTriedAgain) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder / "in/hinge.glb", hidden = folder / "hidden";
+  io::write_gltf(file, test::hinged_boxes(0.1F, 0.3F));
+  StepPlan plan;
+  plan.steps = {"skeleton"};
+  const SourcePreparer preparer(folder / "out", plan, nullptr);
+  const StepObserver nobody = [](const StepBegin&) {};
+  SourceTask task;
+  task.source = find_assets({file}).at(0);
+  task.id = asset_id(task.source);
+  fs::rename(file, hidden);
+  task.known = preparer.prepare(task, nobody).assets.at(0).failures;
+  ASSERT_EQ(task.known.size(), 1U);
+  EXPECT_EQ(task.known[0].fingerprint, "") << task.known[0].reason;
+  fs::rename(hidden, file);
+  const SourceOutcome outcome = preparer.prepare(task, nobody);
+  EXPECT_TRUE(outcome.assets.at(0).imported);
+  EXPECT_TRUE(outcome.assets.at(0).failures.empty());
+}
+
+TEST(PrepareSource, AFileThatIsWrongStaysWrong) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder / "in/wrong.glb";
+  write_file_atomically(file, "glTF, or so it says");
+  const SourcePreparer preparer(folder / "out", StepPlan{}, nullptr);
+  std::size_t tries = 0;
+  const StepObserver counting = [&](const StepBegin&) { ++tries; };
+  SourceTask task;
+  task.source = find_assets({file}).at(0);
+  for (int run = 0; run < 2; ++run) {
+    task.known = preparer.prepare(task, counting).assets.at(0).failures;
+    ASSERT_EQ(task.known.size(), 1U);
+    EXPECT_NE(task.known[0].fingerprint, "");
+  }
+  EXPECT_EQ(tries, 1U);
 }
 
 TEST(StepPlans, RefuseWhatCannotBe) {
