@@ -74,6 +74,22 @@ void make_folders(const fs::path& folder) {
   }
 }
 
+void remove_lastingly(const fs::path& path) {
+  std::error_code error;
+  if (fs::remove_all(path, error) == 0 && !error) return;
+  if (error) fail(path, "remove", error.value());
+  flush_to_disk(folder_of(path), O_RDONLY | O_DIRECTORY);
+}
+
+void move_into_folder(const fs::path& file, const fs::path& folder) {
+  make_folders(folder);
+  const fs::path target = folder / file.filename();
+  if (::rename(file.c_str(), target.c_str()) != 0) fail(file, ("move to " + folder.string()).c_str());
+  // The new name first: a loss between the two leaves two names of one file rather than none.
+  flush_to_disk(folder, O_RDONLY | O_DIRECTORY);
+  flush_to_disk(folder_of(file), O_RDONLY | O_DIRECTORY);
+}
+
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)), temporary_(temporary_beside(target_)) {
   make_folders(target_.parent_path());
 }

@@ -11,6 +11,15 @@ namespace anigen {
 /// each is synced. @throws WriteError, Error as write_file_atomically()
 void make_folders(const std::filesystem::path& folder);
 
+/// Removes a file, or a folder with all that is in it, so that a power loss does not bring it back: the entry is
+/// synced. For what describes other files, before those change. Nothing there is no error.
+/// @throws WriteError, Error as write_file_atomically()
+void remove_lastingly(const std::filesystem::path& path);
+
+/// Moves a file into another folder of one file system under its own name, and syncs both folders. The folder is made
+/// (make_folders()). @throws WriteError, Error as write_file_atomically()
+void move_into_folder(const std::filesystem::path& file, const std::filesystem::path& folder);
+
 /// Writes a file so that a reader, or a crash, never sees half of it: to `<path>.tmp-<process>-<n>`, fsync,
 /// rename, fsync of the folder. Parent folders are made (make_folders()). Any number of machines may write to one
 /// folder (process_number()). @throws WriteError naming the path when the disk refuses, Error when no file can have

@@ -164,8 +164,7 @@ class JobRunner {
   void forget_what_was_written_into(const Job& owner) {
     if (owner.writes_into_other) return;
     for (const Job& job : plan_.jobs) {
-      std::error_code error;
-      if (job.writes_into_other && job.folder == owner.folder) fs::remove(record_file(out_, job.id), error);
+      if (job.writes_into_other && job.folder == owner.folder) remove_lastingly(record_file(out_, job.id));
     }
   }
 

@@ -211,8 +211,8 @@ class Generation {
   }
 
   void make(const NamedPicture& picture, const Json& settings, GenerationReport& report) {
+    remove_lastingly(report.folder / kReportFile);
     std::error_code error;
-    fs::remove(report.folder / kReportFile, error);
     for (const char* stale : kObj) fs::remove(report.folder / stale, error);
     for (const char* stale : kIntermediate) fs::remove(report.folder / stale, error);
     if (sampling_.voxels_alone) {

@@ -246,11 +246,7 @@ void LatentFolder::write_statistics(const LatentStatistics& shape, const LatentS
 }
 
 void LatentFolder::remove_statistics() const {
-  for (const char* extension : {".npz", ".json"}) {
-    std::error_code error;
-    fs::remove(statistics(extension), error);
-    if (error) throw Error(statistics(extension).string() + ": cannot be removed: " + error.message());
-  }
+  for (const char* extension : {".npz", ".json"}) remove_lastingly(statistics(extension));
 }
 
 LatentOutcomes::LatentOutcomes(const fs::path& data, const std::string& column)
@@ -270,9 +266,7 @@ std::map<std::string, LatentOutcome> LatentOutcomes::encoded_by(const Json& enco
 }
 
 void LatentOutcomes::begin(const Json& encoder, const std::set<std::string>& kept) const {
-  std::error_code error;
-  fs::remove_all(folder_, error);
-  if (error) throw Error(folder_.string() + ": cannot be removed: " + error.message());
+  remove_lastingly(folder_);
   generate::write(run_file(), {{"encoder", encoder}, {"kept", kept}, {"commit", commit()}});
 }
 

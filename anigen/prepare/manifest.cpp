@@ -271,8 +271,7 @@ void remove_other_manifests(const fs::path& out, const Manifest& of_this_run) {
       keep = other.same_run(of_this_run) && !(other.shard == of_this_run.shard);
     } catch (const InputError&) {  // damaged
     }
-    std::error_code ignored;
-    if (!keep) fs::remove(file, ignored);
+    if (!keep) remove_lastingly(file);
   }
 }
 

@@ -76,11 +76,10 @@ void require_no_encoder(const fs::path& out) {
 
 void begin_run(const fs::path& out, const Manifest& run) {
   sweep_temporary_files(out);
-  std::error_code ignored;
-  fs::remove_all(pieces_folder(out), ignored);
-  fs::remove_all(leases_folder(out), ignored);
+  remove_lastingly(pieces_folder(out));
+  remove_lastingly(leases_folder(out));
   remove_other_manifests(out, run);
-  for (std::size_t i = 0; i < run.shard.count; ++i) fs::remove(finished_file(out, {i, run.shard.count}), ignored);
+  for (std::size_t i = 0; i < run.shard.count; ++i) remove_lastingly(finished_file(out, {i, run.shard.count}));
 }
 
 /// At the gate: is this work that we can join, or begin?

@@ -217,8 +217,7 @@ std::shared_ptr<const Asset> Api::asset_with(const std::string& id, const Skelet
 void Api::keep_edit(const std::string& id, const std::string& glb) const {
   const fs::path folder = store_.folder(id);
   for (const FileType& type : kFiles) {
-    std::error_code ignored;
-    if (type.made_of != nullptr && std::string(type.made_of) == kEditedFile) fs::remove(folder / type.name, ignored);
+    if (type.made_of != nullptr && std::string(type.made_of) == kEditedFile) remove_lastingly(folder / type.name);
   }
   write_file_atomically(folder / kEditedFile, glb);
 }

@@ -293,10 +293,10 @@ bool JobStore::remove(const std::string& id) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const auto found = records_.find(id);
   if (found == records_.end() || !has_ended(found->second.state)) return false;
-  records_.erase(found);
   // Without its record a folder counts as never accepted, should the rest stay.
+  remove_lastingly(folder(id) / kRecordFile);
+  records_.erase(found);
   std::error_code ignored;
-  fs::remove(folder(id) / kRecordFile, ignored);
   fs::remove_all(folder(id), ignored);
   return true;
 }

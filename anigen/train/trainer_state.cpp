@@ -83,13 +83,6 @@ fs::path new_abandoned_folder(const fs::path& checkpoints, std::int64_t first) {
   throw Error(checkpoints.string() + ": cannot create a folder: " + error.message());
 }
 
-void move_into(const fs::path& folder, const fs::path& entry) {
-  make_folders(folder);
-  std::error_code error;
-  fs::rename(entry, folder / entry.filename(), error);
-  if (error) throw Error(entry.string() + ": cannot be moved to " + folder.string() + ": " + error.message());
-}
-
 // Of LibTorch's own generator, in a saved state.
 std::string generator_name(std::size_t rank) {
   return rank == 0 ? std::string("rng.torch") : "rng.torch.rank" + std::to_string(rank);
@@ -149,8 +142,7 @@ fs::path CheckpointFolder::file(const std::string& name, std::int64_t step) cons
 
 void CheckpointFolder::save(std::int64_t step, const WeightFiles& weights, const SavedState& state) const {
   // An older set of the same step stops being valid before its files are replaced.
-  std::error_code ignored;
-  fs::remove(file(kState, step), ignored);
+  remove_lastingly(file(kState, step));
   const std::map<std::string, std::string> stamp = {{"made_by", made_by().dump()}};
   Json sizes = Json::object();
   for (const auto& [name, arrays] : weights) {
@@ -274,8 +266,8 @@ std::optional<fs::path> set_later_steps_aside(const fs::path& run, std::int64_t 
   }
   // States last: a move that is interrupted leaves no weights without one, which a clean-up would delete.
   std::stable_partition(files.begin(), files.end(), [](const std::string& name) { return !is_state(name); });
-  for (const std::string& name : files) move_into(folder, checkpoints / name);
-  for (const std::string& name : pictures) move_into(RunFolder{folder}.samples(), samples / name);
+  for (const std::string& name : files) move_into_folder(checkpoints / name, folder);
+  for (const std::string& name : pictures) move_into_folder(samples / name, RunFolder{folder}.samples());
   return folder;
 }
 
@@ -374,9 +366,7 @@ void Trainer::begin_again() {
 }
 
 void Trainer::end_restart() const {
-  std::error_code error;
-  if (first()) std::filesystem::remove(RunFolder{run_.output}.restart(), error);
-  if (error) throw Error((RunFolder{run_.output}.restart()).string() + ": cannot be removed: " + error.message());
+  if (first()) remove_lastingly(RunFolder{run_.output}.restart());
 }
 
 // A message that says "saved" or "finished" follows.

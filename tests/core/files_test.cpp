@@ -63,6 +63,33 @@ TEST(MakeFolders, MakesThoseAboveAndRefusesFiles) {
   EXPECT_THROW(make_folders(folder / "file/e"), Error);
 }
 
+TEST(RemoveLastingly, RemovesFilesAndFoldersAndNothing) {
+  const test::TemporaryFolder folder;
+  write_file_atomically(folder / "a/b/file", "x");
+  remove_lastingly(folder / "a/b/file");
+  EXPECT_FALSE(std::filesystem::exists(folder / "a/b/file"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "a/b"));
+  remove_lastingly(folder / "a");
+  EXPECT_FALSE(std::filesystem::exists(folder / "a"));
+  EXPECT_NO_THROW(remove_lastingly(folder / "a"));
+  EXPECT_NO_THROW(remove_lastingly(folder / "missing/file"));
+  EXPECT_THROW(remove_lastingly("/proc/version"), WriteError);
+}
+
+TEST(MoveIntoFolder, KeepsTheNameAndMakesTheFolder) {
+  const test::TemporaryFolder folder;
+  write_file_atomically(folder / "file", "x");
+  move_into_folder(folder / "file", folder / "a/b");
+  EXPECT_EQ(read_file(folder / "a/b/file"), "x");
+  EXPECT_FALSE(std::filesystem::exists(folder / "file"));
+  try {
+    move_into_folder(folder / "missing", folder / "a");
+    FAIL() << "moved a file that is not there";
+  } catch (const WriteError& error) {
+    EXPECT_NE(std::string(error.what()).find("missing"), std::string::npos);
+  }
+}
+
 TEST(WriteFile, FailureIsAnErrorThatNamesThePath) {
   try {
     write_file_atomically("/proc/anigen/file", "x");

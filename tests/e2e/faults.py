@@ -48,10 +48,11 @@ EXPERIMENT = {
 
 
 class Command:
-    """A command that is given an output folder. `results`: patterns of its files that do not differ between two runs."""
+    """A command that is given an output folder. `results`: patterns of its files that do not differ between two runs.
+    `other`: words with which it replaces what it made without them."""
 
-    def __init__(self, name, words, results, inputs):
-        self.name, self.words, self.results, self.inputs = name, words, results, inputs
+    def __init__(self, name, words, results, inputs, other=()):
+        self.name, self.words, self.results, self.inputs, self.other = name, words, results, inputs, other
 
     def start(self, out, limit=None):
         def lower():
@@ -252,12 +253,13 @@ def fault_together(trial):
     trial.after_fault()
 
 
+REPLACING = "power loss, replacing"
 RECORDED = {}  # by program: a run on the recording file system, which trials share
 
 
-def lose_power(trial, work):
+def lose_power(trial, work, kind=""):
     """Goes on with what the disk has after a power loss. @param work what is recorded: returns results and `told`"""
-    name = trial.command.name
+    name = trial.command.name + kind
     if name not in RECORDED:
         RECORDED[name] = Recorded(trial.folder.parent / f"{trial.folder.name}-recorded", work)
     run = RECORDED[name]
@@ -284,10 +286,25 @@ def fault_power(trial):
     lose_power(trial, work)
 
 
+def fault_power_replacing(trial):
+    """What was made is made anew with other settings, meanwhile the power is lost; then the first settings again."""
+    command = trial.command
+    other = Command(command.name, [*command.words, *command.other], command.results, command.inputs)
+
+    def work(out, position):
+        for one in (command, other):
+            status, said = one.run(out)
+            require(status == 0, f"status {status} on the recording file system: {said[-300:]}")
+        results = other.contents(out)
+        require(results != trial.whole, "other settings gave the same")
+        return results, None
+    lose_power(trial, work, ", replacing")
+
+
 FAULTS = [("SIGKILL", fault_kill, 20), ("disk full", fault_full, 10), ("read-only folder", fault_read_only, 2),
           ("input vanishes", fault_vanishes, 5), ("clock jumps", fault_clock, 5),
           ("two at once", fault_together, 5), ("leases of a lost machine", fault_leases, 5),
-          ("power loss", fault_power, 20)]
+          ("power loss", fault_power, 20), (REPLACING, fault_power_replacing, 20)]
 
 
 # --- The studio ------------------------------------------------------------------------------------------------------
@@ -497,14 +514,14 @@ def works(bin, source, folder, quick):
     return [
         Command("preparation", [bin / "anigen-prepare", "--quiet", "--input", rigs, "--views", "1", "--view-size", "32",
                                 "--cond-views", "1", "--cond-view-size", "24", "--workers", "1", "--output", "{out}"],
-                ["**/*"], sorted(rigs.iterdir())),
+                ["**/*"], sorted(rigs.iterdir()), ["--seed", "7"]),
         # The last step alone: one that is killed while it removes old checkpoints leaves them.
         Command("training", train, [f"ckpts/model_*{steps:07}.safetensors"], [data / "metadata.csv", data / "skeleton"]),
         Command("experiment", [bin / "anigen-experiment", "run", "--quiet", folder / "experiment.json", "--output", "{out}"],
                 ["jobs/rigged-*/**/*.glb", "jobs/dataset-*/assets/*.glb"], [folder / "experiment.json"]),
         Command("generation", [bin / "anigen-generate", "--quiet", "--image", folder / "picture.png", "--output", "{out}",
                                "--ss-steps", "2", "--slat-steps", "1", "--texture-size", "0", "--threads", "1"],
-                ["**/*.glb", "**/*.png"], [folder / "picture.png"]),
+                ["**/*.glb", "**/*.png"], [folder / "picture.png"], ["--seed", "7"]),
         Command("rig", [bin / "anigen-rig", "--quiet", "--method", "nearest", "--mesh", meshes, "--output", "{out}"],
                 ["**/*.glb"], sorted(meshes.iterdir())),
     ]
@@ -581,7 +598,7 @@ def main():
             for fault, disturb, count in FAULTS:
                 if fault not in (arguments.fault or (QUICK.get(name, ()) if arguments.quick else faults)):
                     continue
-                if missing & {(name, fault), ("", fault)}:
+                if missing & {(name, fault), ("", fault.split(",")[0])} or (fault == REPLACING and not (command and command.other)):
                     continue
                 disturb = disturb if command else STUDIO_FAULTS.get(fault, disturb)
                 run_trials(results, name, fault, make, disturb, arguments.trials or (1 if arguments.quick else count), places)
