@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <string>
 
 #include "anigen/core/files.h"
@@ -28,32 +29,37 @@ namespace fs = std::filesystem;
 
 // --- Requests of the studio ---
 
-/// A studio that listens on the loopback network, with one finished rig, j000001. Its jobs end at once, without work.
+/// A studio that listens on the loopback network, with a finished rig, j000001, and a finished generation, j000002. Its
+/// jobs end at once, without work. A second server of it asks for a token, "right".
 class Studio {
  public:
   Studio() {
-    studio::JobRecord record;
-    record.kind = "rig";
-    record.name = record.names["file"] = "hinge.glb";
     const Asset hinge = test::hinged_boxes(0.1F, 0.3F);
-    record = store_.create(record, {{"file", ".glb", engine::save_bytes(hinge)}});
-    first_ = record.id;
-    engine::save(hinge, store_.folder(first_) / studio::kRiggedFile);
-    store_.update(first_, [](studio::JobRecord& job) { job.state = studio::JobState::kDone; });
+    rig_ = finished("rig", "hinge.glb", engine::save_bytes(hinge));
+    engine::save(hinge, store_.folder(rig_) / studio::kRiggedFile);
+    generation_ = finished("generation", "picture.png", "PNG");
+    write_file_atomically(store_.folder(generation_) / studio::kVoxelsFile, "NPZ");
     runner_ = std::make_unique<studio::JobRunner>(
         store_, [](const fs::path&, Job&, studio::JobRecord&) {}, 4);
     api_ = std::make_unique<studio::Api>(store_, *runner_);
     studio::ServerOptions options;
+    const fs::path source = ANIGEN_SOURCE_DIR;
     options.most_bytes = std::size_t{1} << 20;
+    options.page = options.three = source / "anigen/studio/page";
+    options.gallery = source / "examples/creatures";
+    options.openapi = source / "anigen/studio/openapi.json";
     server_ = std::make_unique<studio::Server>(*api_, options);
+    options.token = "right";
+    guarded_ = std::make_unique<studio::Server>(*api_, options);
   }
 
-  /// Sends the bytes of one connection. @return the answer
+  /// Sends the bytes of one connection; those that speak of a token to the server that asks for one. @return the answer
   std::string answer(const std::string& bytes) const {
+    const studio::Server& server = bytes.find("token") == std::string::npos ? *server_ : *guarded_;
     const int connection = ::socket(AF_INET, SOCK_STREAM, 0);
     sockaddr_in address{};
     address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(server_->port()));
+    address.sin_port = htons(static_cast<std::uint16_t>(server.port()));
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     const timeval patience{20, 0};
     ::setsockopt(connection, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
@@ -77,28 +83,38 @@ class Studio {
     return came;
   }
 
-  /// Removes the jobs that a request made, and its edit of the first one.
+  /// Removes the jobs that a request made, and its edit of the rig.
   void clean() {
     for (const studio::JobRecord& job : store_.list()) {
-      if (job.id == first_) continue;
+      if (job.id == rig_ || job.id == generation_) continue;
       runner_->cancel(job.id);
       while (store_.find(job.id) && !store_.remove(job.id)) ::usleep(100);
     }
     std::error_code ignored;
-    fs::remove(store_.folder(first_) / studio::kEditedFile, ignored);
-    require(store_.find(first_).has_value(), "a job is gone that nobody removed");
+    fs::remove(store_.folder(rig_) / studio::kEditedFile, ignored);
+    require(is_whole(), "a job is gone that nobody removed");
   }
 
-  /// The first job, which a request may remove, is there.
-  bool is_whole() const { return store_.find(first_).has_value(); }
+  /// The first jobs, which a request may remove, are there.
+  bool is_whole() const { return store_.find(rig_) && store_.find(generation_); }
 
  private:
+  /// Number of a job that has ended well.
+  std::string finished(const char* kind, const char* name, const std::string& bytes) {
+    studio::JobRecord record;
+    record.kind = kind;
+    record.name = record.names["file"] = name;
+    record = store_.create(record, {{"file", fs::path(name).extension(), bytes}});
+    store_.update(record.id, [](studio::JobRecord& job) { job.state = studio::JobState::kDone; });
+    return record.id;
+  }
+
   PrivateFolder folder_;
   studio::JobStore store_{folder_.path()};
-  std::string first_;
+  std::string rig_, generation_;
   std::unique_ptr<studio::JobRunner> runner_;
   std::unique_ptr<studio::Api> api_;
-  std::unique_ptr<studio::Server> server_;
+  std::unique_ptr<studio::Server> server_, guarded_;
 };
 
 void answer_request(const std::string& bytes) {
@@ -117,21 +133,49 @@ void answer_request(const std::string& bytes) {
 
 // --- Experiments ---
 
+/// A place for an experiment among those of the repository, so that it can extend them and name their configs.
+class ExperimentPlace {
+ public:
+  ExperimentPlace() {
+    const fs::path source = ANIGEN_SOURCE_DIR;
+    for (const char* program : {"prepare", "train", "encode", "eval", "generate", "rig", "animate"})
+      write_file_atomically(folder_ / "bin" / (std::string("anigen-") + program), "");
+    make_folders(folder_ / "experiments/paper");
+    for (const char* name : {"configs", "datasets", "experiments/configs", "experiments/datasets"})
+      fs::create_directory_symlink(source / fs::path(name).filename(), folder_ / name);
+    fs::create_directory_symlink(source / "experiments/paper/scales", folder_ / "experiments/paper/scales");
+    for (const char* from : {"experiments", "experiments/paper"}) {
+      for (const fs::directory_entry& entry : fs::directory_iterator(source / from)) {
+        if (entry.path().extension() != ".json") continue;
+        for (const char* to : {"experiments", "experiments/paper"})
+          fs::create_symlink(entry.path(), folder_ / to / entry.path().filename());
+      }
+    }
+  }
+
+  void plan(const std::string& bytes) const {
+    const fs::path file = folder_ / "experiments/paper/input.json";
+    std::ofstream(file, std::ios::binary) << bytes;
+    if (experiment::read_collection(file)) return;
+    for (const char* scale : {"", "tiny"}) {
+      const experiment::Experiment read = experiment::read_experiment(file, {}, scale);
+      for (const experiment::Job& job : experiment::make_plan(read, {folder_ / "out", folder_ / "bin", "cpu"}).jobs)
+        experiment::shell_line(job.command);
+      for (const auto& [name, step] : read.steps.items()) {
+        for (const experiment::Variant& variant : read.variants)
+          experiment::sbatch_lines(experiment::read_step(read, variant, name).resources);
+      }
+    }
+  }
+
+ private:
+  PrivateFolder folder_;
+};
+
 /// Reads and plans an experiment beside programs that are there and never called.
 void plan_experiment(const std::string& bytes) {
-  static const PrivateFolder folder;
-  static const bool filled = [] {
-    for (const char* program : {"prepare", "train", "encode", "eval", "generate", "rig", "animate"})
-      write_file_atomically(folder / "bin" / (std::string("anigen-") + program), "");
-    for (const char* name : {"train.json", "base.json"})
-      write_file_atomically(folder / name, R"({"trainer": {"args": {"lr": 1, "max_steps": 5}}})");
-    return true;
-  }();
-  static_cast<void>(filled);
-  const fs::path file = as_file(bytes, ".json");
-  if (experiment::read_collection(file)) return;
-  const experiment::Experiment read = experiment::read_experiment(file);
-  experiment::make_plan(read, {folder / "out", folder / "bin", "cpu"});
+  static const ExperimentPlace place;
+  place.plan(bytes);
 }
 
 }  // namespace

@@ -14,7 +14,7 @@ std::map<std::string, Target> targets();
 /// The targets of programs.cpp, for builds with the studio.
 std::map<std::string, Target> program_targets();
 
-/// Calls a target. An Error is a good answer: the input was refused with a reason.
+/// Calls a target. An Error is a good answer: the input was refused with a reason, which $ANIGEN_FUZZ_SAYS prints.
 void run(Target target, const std::string& bytes);
 
 /// Ends the process with the sentence when it does not hold.
