@@ -1,10 +1,20 @@
 #!/usr/bin/env bash
-# Builds the project and runs its unit and parity tests on Debian 13 (LibTorch 2.6, Embree 4) inside a folder made
-# by debootstrap; needs root. The folder is kept, so a second run only rebuilds.
-#   scripts/debian13.sh [folder, default /var/tmp/anigen-debian13]
+# Builds the project on Debian 13 (GCC 14, LibTorch 2.6, Embree 4) inside a folder made by debootstrap and runs all
+# tests, both parts of the quickstart at their smallest setting, and the packages in a bare Debian 13; needs root. The
+# folder is kept, so a second run only rebuilds.
+#   scripts/debian13.sh [FOLDER [STEP…]]
+#     FOLDER   default /var/tmp/anigen-debian13
+#     STEP     tests, quickstart, packages, clang (builds everything with clang, whose warnings are errors, too);
+#              default: all, in that order
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root=${1:-/var/tmp/anigen-debian13}
+[ $# -eq 0 ] || shift
+steps=("$@")
+[ ${#steps[@]} -gt 0 ] || steps=(tests quickstart packages clang)
+for step in "${steps[@]}"; do
+  case $step in tests | quickstart | packages | clang) ;; *) echo "debian13: no step '$step'; see the head of $0" >&2; exit 2 ;; esac
+done
 [ "$(id -u)" -eq 0 ] || { echo "debian13: run as root (debootstrap and chroot need it)" >&2; exit 1; }
 command -v debootstrap >/dev/null || { apt-get update -qq; apt-get install -y -qq --no-install-recommends debootstrap; }
 
@@ -12,21 +22,45 @@ command -v debootstrap >/dev/null || { apt-get update -qq; apt-get install -y -q
 mirror=$(apt-get indextargets --format '$(REPO_URI) $(ORIGIN) $(LABEL)' | awk '$2 == "Debian" && $3 == "Debian" { print $1; exit }')
 [ -n "$mirror" ] || { echo "debian13: no Debian mirror in apt's configuration" >&2; exit 1; }
 
-if [ ! -e "$root/.bootstrapped" ]; then
-  debootstrap --variant=minbase trixie "$root" "$mirror"
-  touch "$root/.bootstrapped"
-fi
-mkdir -p "$root/project/anigen" "$root/project/shared" "$root/root/.ccache"
 mounted=()
 cleanup() { for target in "${mounted[@]}"; do umount "$target" || true; done; }
 trap cleanup EXIT
 bind() { mount --bind "$1" "$2"; mounted=("$2" "${mounted[@]}"); }
-bind /proc "$root/proc"
-bind /dev "$root/dev"
-# A copy, so that build folders of the two systems stay apart.
+# A bare Debian 13 in a folder.
+enter() {
+  [ -e "$1/.bootstrapped" ] || { debootstrap --variant=minbase trixie "$1" "$mirror" && touch "$1/.bootstrapped"; }
+  bind /proc "$1/proc"
+  bind /dev "$1/dev"
+  cp /etc/resolv.conf "$1/etc/resolv.conf"
+}
+inside() { local at=$1; shift; chroot "$at" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 bash -ec "$@"; }
+
+enter "$root"
+mkdir -p "$root/project/anigen" "$root/project/shared" "$root/root/.ccache"
+# A copy, so that build folders of the two systems stay apart; with its history, which results are stamped with.
 git ls-files -z --cached --others --exclude-standard | while IFS= read -r -d '' file; do if [ -e "$file" ]; then printf '%s\0' "$file"; fi; done |
   tar --null -T - -cf - | tar -C "$root/project/anigen" -xf -
 [ -d ../shared ] && bind ../shared "$root/project/shared"
-cp /etc/resolv.conf "$root/etc/resolv.conf"
-chroot "$root" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 \
-  bash -c 'cd /project/anigen && scripts/test.sh release -L "unit|parity"'
+
+for step in "${steps[@]}"; do
+  echo "debian13: $step"
+  case $step in
+    tests) inside "$root" 'cd /project/anigen && scripts/test.sh' ;;
+    quickstart) inside "$root" 'cd /project/anigen && scripts/quickstart.sh --smallest && scripts/quickstart.sh --train --smallest' ;;
+    packages)
+      inside "$root" 'cd /project/anigen && apt-get install -y -qq --no-install-recommends file >/dev/null && scripts/build.sh && cpack --config build/release/CPackConfig.cmake -B /packages'
+      enter "$root-bare"
+      rm -rf "$root-bare/packages"
+      cp -r "$root/packages" "$root-bare/packages"
+      cp examples/creatures/deer.png "$root-bare/root/deer.png"
+      inside "$root-bare" 'cd /root && rm -rf out && apt-get update -qq && apt-get install -y -qq --no-install-recommends /packages/anigen_*.deb /packages/anigen-weights_*.deb /packages/python3-anigen_*.deb >/dev/null
+        anigen-generate deer.png -o out
+        anigen-rig out/*/mesh.glb -o rigged.glb
+        anigen-eval --help >/dev/null
+        python3 -c "import anigen; print(anigen.rig_file(\"rigged.glb\", \"again.glb\"))"
+        ls -l out/* rigged.glb again.glb' ;;
+    clang)
+      inside "$root" 'cd /project/anigen && apt-get install -y -qq --no-install-recommends clang libclang-rt-19-dev >/dev/null
+        cmake --preset release -B build/clang -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=Debug >/dev/null && cmake --build build/clang' ;;
+  esac
+done
