@@ -27,4 +27,5 @@ endif()
 # that). Eigen stays out of it: its products would depend on the number of threads.
 find_package(OpenMP REQUIRED COMPONENTS CXX)
 target_link_libraries(anigen_torch INTERFACE OpenMP::OpenMP_CXX)
-target_compile_definitions(anigen_torch INTERFACE EIGEN_DONT_PARALLELIZE)
+# Classes of LibTorch have members more without NDEBUG: what uses them is compiled as LibTorch was.
+target_compile_definitions(anigen_torch INTERFACE EIGEN_DONT_PARALLELIZE $<$<NOT:$<CONFIG:Release>>:NDEBUG>)

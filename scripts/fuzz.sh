@@ -73,6 +73,7 @@ if [ "${1:-}" = --coverage ]; then
   [ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(printf '%s\n' "${!extensions[@]}" | sort)
   build build/fuzz-fast
   version=$(clang -dumpversion | cut -d. -f1)
+  rm -f build/fuzz-fast/coverage.csv.*
   printf '%-12s %7s %8s %8s  %s\n' target lines reached percent "functions with the most lines not reached"
   for target in "${targets[@]}"; do
     known "$target"
@@ -117,8 +118,11 @@ if [ "${1:-}" = --coverage ]; then
           order[most] = ""
         }
         printf "%-12s %7d %8d %7.1f%% %s\n", target, lines, reached, 100 * reached / lines, text
+        printf "%s,%d,%d\n", target, lines, reached >"build/fuzz-fast/coverage.csv." target
       }' "build/fuzz-fast/$target.lcov" | c++filt
   done
+  # For tables: of every target, lines and runs so far.
+  { echo target,lines,reached && cat build/fuzz-fast/coverage.csv.*; } >build/fuzz/coverage.csv
   exit
 fi
 
@@ -128,7 +132,7 @@ if [ "${1:-}" = --keep ]; then
   for target in $(printf '%s\n' "${!extensions[@]}" | sort); do
     [ -d "$corpus/$target" ] || continue
     mkdir "$least/$target"
-    "build/fuzz-fast/fuzz/fuzz_$target" -merge=1 -max_len=16384 -timeout=10 -rss_limit_mb=2048 "$least/$target" "$corpus/$target" >"build/fuzz/$target.merge.log" 2>&1
+    LLVM_PROFILE_FILE=/dev/null "build/fuzz-fast/fuzz/fuzz_$target" -merge=1 -max_len=16384 -timeout=10 -rss_limit_mb=2048 "$least/$target" "$corpus/$target" >"build/fuzz/$target.merge.log" 2>&1
     # Fixtures of regressions stay, whatever they reach.
     for file in "$corpus/$target"/found_*; do if [ -e "$file" ]; then cp "$file" "$least/$target/"; fi; done
     printf '%-12s %6d files %9d bytes\n' "$target" "$(find "$least/$target" -type f | wc -l)" "$(cat "$least/$target"/* | wc -c)"

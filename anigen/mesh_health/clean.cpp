@@ -3,6 +3,7 @@
 #include <CGAL/Polygon_mesh_processing/manifoldness.h>
 #include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
 #include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
+#include <CGAL/Polygon_mesh_processing/repair.h>
 #include <CGAL/Polygon_mesh_processing/repair_degeneracies.h>
 #include <CGAL/Polygon_mesh_processing/stitch_borders.h>
 
@@ -78,6 +79,7 @@ CleanSurface clean_surface(const std::vector<Eigen::Vector3f>& vertices, const s
       throw Error("the soup of triangles could not be made a manifold");
     SurfaceMesh surface;
     processing::polygon_soup_to_polygon_mesh(soup.points, soup.polygons, surface);
+    processing::remove_isolated_vertices(surface);  // of points that no face has; the next asks for that
     processing::remove_degenerate_faces(surface);
     result.stitched_edges = processing::stitch_borders(surface, CGAL::parameters::apply_per_connected_component(true));
     result.stitched_edges += processing::stitch_borders(surface);

@@ -186,6 +186,10 @@ void end_operator(const at::RecordFunction& function, at::ObserverContext* conte
   // Operators that began before the profile did have no place here.
   if (open_operators.empty() || active == nullptr) return;
   const auto* began = static_cast<Began*>(context);
+  if (began == nullptr) {  // begin_operator() threw, which LibTorch only reports
+    open_operators.pop_back();
+    return;
+  }
   const double seconds = std::chrono::duration<double>(Clock::now() - began->at).count();
   const Open done = open_operators.back();
   open_operators.pop_back();

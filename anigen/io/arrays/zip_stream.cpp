@@ -12,9 +12,10 @@ namespace {
 constexpr std::uint64_t kWideSize = 0xFFFFFFFF;  // stands for "see the zip64 field"
 constexpr std::uint64_t kManyMembers = 0xFFFF;
 
+/// Little endian.
 std::string fixed_width(std::uint64_t value, int bytes) {
   std::string text;
-  for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> (8 * i) & 0xFF);
+  for (int i = 0; i < bytes; ++i, value >>= 8) text += static_cast<char>(value & 0xFF);
   return text;
 }
 
