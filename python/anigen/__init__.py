@@ -27,7 +27,7 @@ def _name_openblas_core():
     if not {"avx2", "fma"} <= flags:
         return
     wide = {"avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl"} <= flags
-    core = "Zen" if "AuthenticAMD" in values.get("vendor_id", []) else "SkylakeX" if wide else "Haswell"
+    core = "SkylakeX" if wide else "Zen" if "AuthenticAMD" in values.get("vendor_id", []) else "Haswell"
     os.environ.setdefault("OPENBLAS_CORETYPE", core)
 
 
