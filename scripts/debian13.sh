@@ -37,7 +37,7 @@ inside() { local at=$1; shift; chroot "$at" /usr/bin/env -i HOME=/root PATH=/usr
 
 enter "$root"
 mkdir -p "$root/project/anigen" "$root/project/shared" "$root/root/.ccache"
-# A copy, so that build folders of the two systems stay apart; with its history, which results are stamped with.
+# A copy, so that build folders of the two systems stay apart; without its history, so programs name no commit.
 git ls-files -z --cached --others --exclude-standard | while IFS= read -r -d '' file; do if [ -e "$file" ]; then printf '%s\0' "$file"; fi; done |
   tar --null -T - -cf - | tar -C "$root/project/anigen" -xf -
 [ -d ../shared ] && bind ../shared "$root/project/shared"

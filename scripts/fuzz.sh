@@ -48,7 +48,7 @@ mkdir -p "$corpus" "$findings"
 /usr/bin/python3 fuzz/seeds.py "$corpus"
 
 # Functions in those sources that no input of a target reaches: they write, or look for files in folders.
-not_read='write|save|encode_|append_utf8|append_line|append_vertices|to_json|header_text|headerB5cxx11ERKNS_4Mesh|checkpoint|newest|step_of|picture_files|glb_bytes|base64_values|mesh_of_text_rig|refuse_unsound_mesh|check_array|descr_of|common_fields|fixed_width|3addEP3zip'
+not_read='write|save|encode_|append_utf8|append_line|append_vertices|to_json|header_text|headerB5cxx11ERKNS_4Mesh|choose_checkpoint|choose_flow_checkpoint|checkpoint_names|newest|step_of|picture_files|glb_bytes|base64_values|mesh_of_text_rig|refuse_unsound_mesh|check_array|descr_of|common_fields|fixed_width|3addEP3zip'
 # The sources of a target that read.
 sources() {
   case $1 in
@@ -137,6 +137,7 @@ if [ "${1:-}" = --keep ]; then
     for file in "$corpus/$target"/found_*; do if [ -e "$file" ]; then cp "$file" "$least/$target/"; fi; done
     printf '%-12s %6d files %9d bytes\n' "$target" "$(find "$least/$target" -type f | wc -l)" "$(cat "$least/$target"/* | wc -c)"
   done
+  [ -n "$(find "$least" -type f -print -quit)" ] || { echo "fuzz: nothing to keep; fuzz/corpus.tar.xz stays as it is" >&2; exit 1; }
   tar -C "$least" --sort=name --owner=0 --group=0 --numeric-owner --mtime=@0 -cf - . | xz -9e >fuzz/corpus.tar.xz
   stat -c '%n: %s bytes' fuzz/corpus.tar.xz
   exit
