@@ -13,7 +13,7 @@
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/io/arrays/torch_archive.h"
-#include "anigen/io/image.h"
+#include "anigen/io/foreign_image.h"
 #include "anigen/io/rigs/anymate.h"
 #include "anigen/io/rigs/assimp_scene.h"
 #include "anigen/io/rigs/bvh.h"
@@ -202,7 +202,7 @@ Json describe_picture(const fs::path& file) {
   const std::string name = file.string(), text = read_file(file, std::uintmax_t{1} << 30);
   const std::vector<std::uint8_t> bytes(text.begin(), text.end());
   io::StoredPixels stored;
-  const io::Image image = io::decode_image(bytes, name, &stored);
+  const io::Image image = io::decode_foreign_image(bytes, name, &stored);
   Json json = {{"format", io::probe_picture(bytes, name).format},
                {"width", image.width},
                {"height", image.height},

@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/data/view_files.h"
+#include "anigen/io/foreign_image.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/render/cameras_json.h"
@@ -105,7 +106,7 @@ InputPicture decoded_picture(const std::string& file, const std::string& name) {
     const io::PictureSize announced = io::probe_picture(bytes, picture.name);
     if (announced.known) refuse_picture_size(announced.width, announced.height, picture.name);
   }
-  picture.image = io::decode_image(bytes, picture.name);
+  picture.image = io::decode_foreign_image(bytes, picture.name);
   const int orientation = io::exif_orientation(bytes);
   picture.turned = orientation != 1;
   if (picture.turned) picture.image = io::upright(picture.image, orientation);

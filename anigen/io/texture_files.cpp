@@ -6,7 +6,7 @@
 #include <system_error>
 
 #include "anigen/core/files.h"
-#include "anigen/io/image.h"
+#include "anigen/io/foreign_image.h"
 
 namespace anigen::io {
 
@@ -40,7 +40,7 @@ EncodedImage read_texture(const std::filesystem::path& file) {
   if (begins_with(bytes, "\xFF\xD8\xFF"sv)) {
     image.mime_type = "image/jpeg";
   } else {
-    image.bytes = encode_png(decode_image(image.bytes, file.string()));
+    image.bytes = encode_png(decode_foreign_image(image.bytes, file.string()));
   }
   return image;
 }

@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/io/foreign_image.h"
 #include "anigen/render/scene.h"
 
 namespace anigen::render {
@@ -121,7 +122,7 @@ void require_matching_rows(const Asset& asset) {
 }  // namespace
 
 Texture::Texture(const EncodedImage& image, const std::string& name_for_errors)
-    : image_(io::decode_image(image.bytes, name_for_errors)) {
+    : image_(io::decode_foreign_image(image.bytes, name_for_errors)) {
   if (image_.width < 1 || image_.height < 1) throw InputError(name_for_errors, "", "the picture has no pixels");
   for (std::size_t i = 3; i < image_.rgba.size() && opaque_; i += 4) opaque_ = image_.rgba[i] == 255;
 }

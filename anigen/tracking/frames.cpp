@@ -2,12 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 #include <system_error>
 
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
+#include "anigen/core/guarded_reader.h"
 #include "anigen/core/process.h"
+#include "anigen/io/foreign_image.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/render/scene.h"
 
@@ -18,6 +22,12 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kSilhouettePoints = 300;
+
+constexpr std::uintmax_t kMostPictureBytes = std::uintmax_t{1} << 30;
+
+/// Of the process that decodes a video file: what 600 large frames take.
+constexpr double kVideoSeconds = 900.0;
+constexpr std::uint64_t kVideoMemory = std::uint64_t{8} << 30;
 
 std::string size_text(const io::Image& image) {
   return std::to_string(image.width) + " x " + std::to_string(image.height);
@@ -62,7 +72,8 @@ Video read_folder(const fs::path& folder, const std::vector<std::string>& names)
   io::Image first;
   for (const fs::path& file : files) {
     throw_if_interrupted();
-    append_frame(video, io::read_image(file), file.string(), first);
+    const std::string bytes = anigen::read_file(file, kMostPictureBytes);
+    append_frame(video, io::decode_foreign_image({bytes.begin(), bytes.end()}, file.string()), file.string(), first);
   }
   return video;
 }
@@ -78,7 +89,11 @@ io::Image image_of(const cv::Mat& bgr) {
   return image;
 }
 
-Video read_file(const fs::path& path) {
+std::string frame_name(const fs::path& path, std::size_t frame) {
+  return path.string() + ", frame " + std::to_string(frame);
+}
+
+Video decoded_video(const fs::path& path) {
   Video video;
   try {
     cv::VideoCapture capture;
@@ -93,18 +108,53 @@ Video read_file(const fs::path& path) {
     cv::Mat frame;
     io::Image first;
     while (capture.read(frame)) {
-      throw_if_interrupted();
       if (frame.empty() || frame.depth() != CV_8U)
         throw InputError(path.string(), "frame " + std::to_string(video.frames.size()), "has pixels of another depth");
       if (frame.cols > io::kMostPixelsPerSide || frame.rows > io::kMostPixelsPerSide)
         throw InputError(path.string(), "", "its frames are too large");
-      append_frame(video, image_of(frame), path.string() + ", frame " + std::to_string(video.frames.size()), first);
+      append_frame(video, image_of(frame), frame_name(path, video.frames.size()), first);
       refuse_count(video.frames.size(), path);
     }
   } catch (const cv::Exception& error) {
     throw InputError(path.string(), "", "OpenCV cannot read it: " + std::string(error.err));
   }
   if (video.frames.empty()) throw InputError(path.string(), "", "holds no frame");
+  return video;
+}
+
+/// Begins the answer of the process that decodes; the frames' pixels follow it.
+struct VideoHead {
+  double fps = 0.0;
+  int width = 0, height = 0;
+};
+
+/// FFmpeg, with its hundreds of formats, runs in a process without rights.
+Video read_video_file(const fs::path& path) {
+  ProcessLimits limits;
+  limits.cpu_seconds = kVideoSeconds;
+  limits.more_memory = kVideoMemory;
+  limits.sandbox = SandboxRights{};
+  limits.while_waiting = throw_if_interrupted;
+  const std::string answer = read_guarded(
+      path.string(), "cannot be read as a video: the decoder %; the file is damaged or hostile", limits, [&path] {
+        const Video video = decoded_video(path);
+        const io::Image& first = video.frames.front();
+        const VideoHead head{video.fps, first.width, first.height};
+        std::string bytes(reinterpret_cast<const char*>(&head), sizeof head);
+        bytes.reserve(sizeof head + video.frames.size() * first.rgba.size());
+        for (const io::Image& frame : video.frames) bytes.append(frame.rgba.begin(), frame.rgba.end());
+        return bytes;
+      });
+  VideoHead head;
+  std::memcpy(&head, answer.data(), sizeof head);
+  Video video;
+  video.fps = head.fps;
+  const io::Image blank(head.width, head.height);
+  for (std::size_t at = sizeof head; at < answer.size(); at += blank.rgba.size()) {
+    video.names.push_back(frame_name(path, video.frames.size()));
+    video.frames.push_back(blank);
+    std::memcpy(video.frames.back().rgba.data(), answer.data() + at, blank.rgba.size());
+  }
   return video;
 }
 
@@ -135,7 +185,7 @@ Tensor distance_outside(const Tensor& alpha) {
 Video read_video(const fs::path& path, const std::vector<std::string>& names) {
   std::error_code error;
   if (!fs::exists(path, error)) throw InputError(path.string(), "", "there is no such folder or file");
-  return fs::is_directory(path, error) ? read_folder(path, names) : read_file(path);
+  return fs::is_directory(path, error) ? read_folder(path, names) : read_video_file(path);
 }
 
 io::Image squared(const io::Image& image) {

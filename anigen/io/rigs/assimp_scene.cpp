@@ -14,8 +14,8 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/guarded_reader.h"
 #include "anigen/core/numeric.h"
-#include "anigen/core/process.h"
 #include "anigen/io/rigs/assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/texture_files.h"
@@ -402,47 +402,18 @@ constexpr const char* kTooLarge = "reading it needs more memory than there is";
 constexpr double kSeconds = 30.0, kSecondsPerMebibyte = 1.0;
 constexpr std::uint64_t kMemory = std::uint64_t{8} << 30, kMemoryPerByte = 32;
 
-/// First byte of what the process that reads sends.
-enum class Answer : char { kDocument, kInputError, kNotSupported };
-
-std::string message(Answer answer, const std::string& place, const std::string& problem) {
-  return static_cast<char>(answer) + place + '\0' + problem;
-}
-
 std::string read_with_assimp(const fs::path& path, const ImportOptions& options) {
-  try {
-    Assimp::Importer importer;
-    gltf_import::Notes notes;
-    gltf_import::Document document;
-    document.file = path.string();
-    const aiScene& scene = assimp_import::load(importer, path, options, document.frame);
-    const bool is_fbx = lower_extension(path) == ".fbx";
-    const assimp_import::NodeTable nodes = assimp_import::add_nodes(scene, is_fbx, document);
-    assimp_import::add_animations(scene, nodes, document);
-    assimp_import::add_meshes(scene, nodes, is_fbx, document, notes);
-    assimp_import::add_materials(scene, path.parent_path(), document);
-    return static_cast<char>(Answer::kDocument) + assimp_import::to_bytes(document, notes);
-  } catch (const NotSupportedError& error) {
-    return message(Answer::kNotSupported, error.place(), error.problem());
-  } catch (const InputError& error) {
-    return message(Answer::kInputError, error.place(), error.problem());
-  } catch (const Error& error) {
-    return message(Answer::kInputError, "", error.what());
-  } catch (const std::bad_alloc&) {
-    return message(Answer::kInputError, "", kTooLarge);
-  } catch (const std::length_error&) {
-    return message(Answer::kInputError, "", kTooLarge);
-  }
-}
-
-[[noreturn]] void refuse(Answer answer, const std::string& text, const std::string& file) {
-  const std::size_t end = text.find('\0', 1);
-  const std::string place = text.substr(1, end - 1);
-  std::string problem = text.substr(end + 1);
-  if (answer != Answer::kNotSupported) throw InputError(file, place, problem);
-  const std::string prefix = NotSupportedError("", "", "").problem();
-  if (problem.compare(0, prefix.size(), prefix) == 0) problem.erase(0, prefix.size());
-  throw NotSupportedError(file, place, problem);
+  Assimp::Importer importer;
+  gltf_import::Notes notes;
+  gltf_import::Document document;
+  document.file = path.string();
+  const aiScene& scene = assimp_import::load(importer, path, options, document.frame);
+  const bool is_fbx = lower_extension(path) == ".fbx";
+  const assimp_import::NodeTable nodes = assimp_import::add_nodes(scene, is_fbx, document);
+  assimp_import::add_animations(scene, nodes, document);
+  assimp_import::add_meshes(scene, nodes, is_fbx, document, notes);
+  assimp_import::add_materials(scene, path.parent_path(), document);
+  return assimp_import::to_bytes(document, notes);
 }
 
 }  // namespace
@@ -457,19 +428,14 @@ ImportedAsset read_assimp(const fs::path& path, const ImportOptions& options) {
     limits.cpu_seconds = kSeconds + kSecondsPerMebibyte * static_cast<double>(size) / (1 << 20);
     limits.more_memory = kMemory + kMemoryPerByte * size;
     limits.sandbox = SandboxRights();  // it reads, and answers by the pipe
-    GuardedWork work = run_guarded([&] { return read_with_assimp(path, options); }, limits);
-    if (!work.finished) {
-      throw InputError(file, "",
-                       "Assimp cannot read it: it " + work.failure +
-                           "; the file is damaged or hostile: export it again, best as .glb");
-    }
-    const auto answer = static_cast<Answer>(work.result.front());
-    if (answer != Answer::kDocument) refuse(answer, work.result, file);
+    std::string bytes_of_document =
+        read_guarded(file, "Assimp cannot read it: it %; the file is damaged or hostile: export it again, best as .glb",
+                     limits, [&] { return read_with_assimp(path, options); });
     gltf_import::Notes notes;
     gltf_import::Document document;
     document.file = file;
-    assimp_import::from_bytes(std::string_view(work.result).substr(1), document, notes);
-    work.result = {};
+    assimp_import::from_bytes(bytes_of_document, document, notes);
+    bytes_of_document = {};
     return gltf_import::document_asset(document, path, options, notes);
   } catch (const std::bad_alloc&) {
     throw InputError(file, "", kTooLarge);
