@@ -16,11 +16,11 @@ function(anigen_compile_options target)
   endif()
 endfunction()
 
-# GCC 13 and later see overflows in the vector<bool> of LibTorch's autograd functions that are not there; they stay
-# warnings.
+# GCC 13 and later see overflows in the vector<bool> of LibTorch's autograd functions that are not there, 25 lines each
+# time. Builds with GCC 12 keep both warnings.
 function(anigen_torch_compile_options target)
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 13)
-    target_compile_options(${target} PRIVATE -Wno-error=array-bounds -Wno-error=stringop-overflow)
+    target_compile_options(${target} PRIVATE -Wno-array-bounds -Wno-stringop-overflow)
   endif()
 endfunction()
 

@@ -353,7 +353,7 @@ TEST(EmbeddingTemplate, FromARigWithFingers) {
   EXPECT_TRUE(template_joint(made, "left_toes_tip").foot);
   EXPECT_FALSE(template_joint(made, "left_hand_tip").foot);
   EXPECT_TRUE(template_joint(made, "hips").fat && template_joint(made, "chest").fat);
-  const TemplateJoint& thumb = template_joint(made, "thumb.left");
+  const TemplateJoint thumb = template_joint(made, "thumb.left");
   ASSERT_GE(thumb.mirror, 0);
   EXPECT_EQ(made.joints[static_cast<std::size_t>(thumb.mirror)].name, "thumb.right");
 
