@@ -142,6 +142,8 @@ Header parse_header(const std::string& text, const std::string& file) {
     return Header::parse(text, limit_depth);
   } catch (const Header::parse_error& error) {
     throw InputError(file, byte(kLengthBytes + error.byte), "the header is not valid JSON");
+  } catch (const Header::out_of_range&) {
+    throw InputError(file, byte(kLengthBytes), "the header has a number beyond the largest double");
   }
 }
 

@@ -113,6 +113,7 @@ TEST_F(Safetensors, RefusesDamage) {
   EXPECT_NE(problem(little(std::uint64_t{1} << 60, 8) + "{}").find("header length"), std::string::npos);
   EXPECT_NE(problem(with_header("[]")).find("byte 8"), std::string::npos);
   EXPECT_NE(problem(with_header("{\"a\":")).find("not valid JSON"), std::string::npos);
+  EXPECT_NE(problem(with_header("{\"a\":31E872}")).find("beyond the largest double"), std::string::npos);
   EXPECT_NE(problem(with_header("{\"a\":" + good + "}", "123")).find("truncated"), std::string::npos);
   EXPECT_NE(problem(with_header("{\"a\":" + good + "}", "12345")).find("after the last tensor"), std::string::npos);
   EXPECT_NE(problem(with_header("{\"a\":" + good + ",\"b\":" + entry("F32", "[1]", "[2,6]") + "}", "123456"))
