@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "anigen/core/process.h"
@@ -19,7 +20,7 @@ namespace {
 /// Area of an equilateral triangle with sides of length 1.
 constexpr double kUnitArea = 0.4330127018922193;
 constexpr double kEnoughFaces = 0.05;  ///< share by which the number of faces may differ
-constexpr std::size_t kMostAttempts = 4;
+constexpr std::size_t kMostAttempts = 6;
 /// Borders and sharp edges that turn by more have a corner there.
 constexpr double kCornerDegrees = 45.0;
 
@@ -76,6 +77,25 @@ void require_few_faces(double area, double edge_length, std::size_t most) {
   }
 }
 
+/// Edge lengths for a wanted number of faces. That number falls with the square of the length, but in steps: a regular
+/// mesh collapses as a whole. So what follows lies between a length that gave too many and one that gave too few.
+class LengthSearch {
+ public:
+  /// @param ratio of the faces that `length` gave to those wanted @return the length to try next
+  double after(double length, double ratio) {
+    (ratio > 1.0 ? too_short_ : too_long_) = Tried{length, std::log(ratio)};
+    if (!too_short_ || !too_long_) return length * std::sqrt(ratio);
+    const double share = too_short_->log_ratio / (too_short_->log_ratio - too_long_->log_ratio);
+    return too_short_->length * std::pow(too_long_->length / too_short_->length, std::clamp(share, 0.25, 0.75));
+  }
+
+ private:
+  struct Tried {
+    double length, log_ratio;
+  };
+  std::optional<Tried> too_short_, too_long_;
+};
+
 Mesh pass(const Mesh& clean, double edge_length, const RemeshOptions& options, std::size_t& sharp) {
   SurfaceMesh surface = to_surface_mesh(clean);
   const Features features = find_features(surface, options.sharp_angle);
@@ -112,6 +132,7 @@ Remeshed remesh(const Mesh& mesh, const RemeshOptions& options, const StepReport
   const std::size_t most_attempts = wanted > 0 ? kMostAttempts : 1;
   double best = 1e300;
   double length = result.edge_length;
+  LengthSearch search;
   for (std::size_t attempt = 1; attempt <= most_attempts; ++attempt) {
     throw_if_interrupted();
     if (report) report(attempt - 1, most_attempts);
@@ -125,7 +146,7 @@ Remeshed remesh(const Mesh& mesh, const RemeshOptions& options, const StepReport
       result.edge_length = length;
     }
     if (std::abs(ratio - 1.0) <= kEnoughFaces) break;
-    length *= std::sqrt(ratio);
+    length = search.after(length, ratio);
   }
   if (report) report(most_attempts, most_attempts);
   turn_outward(result.mesh);
