@@ -12,10 +12,8 @@
 #include <vector>
 
 #ifdef ANIGEN_WITH_CGAL
-#include <CGAL/AABB_traits.h>
-#include <CGAL/AABB_tree.h>
-#include <CGAL/AABB_triangle_primitive.h>
 #include <CGAL/Simple_cartesian.h>
+#include "benchmarks/cgal_tree.h"
 #endif
 
 #include "anigen/core/parallel.h"
@@ -121,8 +119,8 @@ void each_point(const Points& points, const std::function<void(const Eigen::Vect
 #ifdef ANIGEN_WITH_CGAL
 using Kernel = CGAL::Simple_cartesian<double>;
 using Triangles = std::vector<Kernel::Triangle_3>;
-using Primitive = CGAL::AABB_triangle_primitive<Kernel, Triangles::const_iterator>;
-using CgalTree = CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>>;
+using Primitive = anigen::benchmarks::CgalPrimitive<Kernel, Triangles::const_iterator>;
+using CgalTree = CGAL::AABB_tree<anigen::benchmarks::CgalTraits<Kernel, Primitive>>;
 
 Kernel::Point_3 cgal_point(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
 

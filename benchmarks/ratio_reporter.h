@@ -19,7 +19,7 @@ class RatioReporter : public benchmark::ConsoleReporter {
   void ReportRuns(const std::vector<Run>& runs) override {
     ConsoleReporter::ReportRuns(runs);
     for (const Run& run : runs) {
-      if (run.run_type != Run::RT_Iteration || run.error_occurred) continue;
+      if (run.run_type != Run::RT_Iteration || was_left_out(run, 0)) continue;
       const auto found = run.counters.find(counter_);
       if (found == run.counters.end()) continue;
       double& best = best_[run.run_name.function_name];
@@ -35,6 +35,16 @@ class RatioReporter : public benchmark::ConsoleReporter {
   }
 
  private:
+  // Google Benchmark 1.8 has `skipped` in place of `error_occurred`.
+  template <typename AnyRun>
+  static auto was_left_out(const AnyRun& run, int) -> decltype(static_cast<bool>(run.error_occurred)) {
+    return run.error_occurred;
+  }
+  template <typename AnyRun>
+  static bool was_left_out(const AnyRun& run, long) {
+    return static_cast<bool>(run.skipped);
+  }
+
   std::string counter_;
   std::map<std::string, double> best_;
 };

@@ -10,12 +10,10 @@
 #include <vector>
 
 #ifdef ANIGEN_WITH_CGAL
-#include <CGAL/AABB_traits.h>
-#include <CGAL/AABB_tree.h>
-#include <CGAL/AABB_triangle_primitive.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Simple_cartesian.h>
 #include <CGAL/intersections.h>
+#include "benchmarks/cgal_tree.h"
 #endif
 
 #include "anigen/core/parallel.h"
@@ -71,11 +69,11 @@ std::vector<Voxel> by_cgal_boxes(const Mesh& mesh, int resolution) {
 std::vector<Voxel> by_cgal_tree(const Mesh& mesh, int resolution) {
   using Kernel = CGAL::Simple_cartesian<double>;
   using Triangles = std::vector<Kernel::Triangle_3>;
-  using Primitive = CGAL::AABB_triangle_primitive<Kernel, Triangles::const_iterator>;
+  using Primitive = anigen::benchmarks::CgalPrimitive<Kernel, Triangles::const_iterator>;
   Triangles triangles;
   for (const anigen::Triangle& face : mesh.faces)
     triangles.push_back(cgal_triangle<Kernel>(anigen::test::grid_triangle(mesh.vertices, face, resolution)));
-  CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>> tree(triangles.begin(), triangles.end());
+  CGAL::AABB_tree<anigen::benchmarks::CgalTraits<Kernel, Primitive>> tree(triangles.begin(), triangles.end());
   tree.build();
   std::vector<Voxel> voxels;
   for (int x = 0; x < resolution; ++x) {

@@ -41,11 +41,19 @@ mkdir -p "$root/project/anigen" "$root/project/shared" "$root/root/.ccache"
 git ls-files -z --cached --others --exclude-standard | while IFS= read -r -d '' file; do if [ -e "$file" ]; then printf '%s\0' "$file"; fi; done |
   tar --null -T - -cf - | tar -C "$root/project/anigen" -xf -
 [ -d ../shared ] && bind ../shared "$root/project/shared"
+# What npm brought, for the tests in a browser: npm may reach no registry from inside.
+if [ -d .cache/node ]; then
+  mkdir -p "$root/project/anigen/.cache"
+  cp -a .cache/node "$root/project/anigen/.cache/"
+fi
 
 for step in "${steps[@]}"; do
   echo "debian13: $step"
   case $step in
-    tests) inside "$root" 'cd /project/anigen && scripts/test.sh' ;;
+    tests)
+      # With the programs that some tests skip without.
+      inside "$root" 'apt-get update -qq; apt-get install -y -qq --no-install-recommends nodejs chromium assimp-testmodels python3-fusepy >/dev/null
+        cd /project/anigen && scripts/test.sh' ;;
     quickstart) inside "$root" 'cd /project/anigen && scripts/quickstart.sh --smallest && scripts/quickstart.sh --train --smallest' ;;
     packages)
       inside "$root" 'cd /project/anigen && apt-get install -y -qq --no-install-recommends file >/dev/null && scripts/build.sh && cpack --config build/release/CPackConfig.cmake -B /packages'

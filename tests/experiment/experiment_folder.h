@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <string_view>
 
 #include "anigen/core/error.h"
 #include "anigen/experiment/plan.h"
@@ -44,8 +45,8 @@ class ExperimentFolder : public ::testing::Test {
     return "no error";
   }
 
-  static const Job& job_of(const Plan& plan, std::size_t run, const std::string& step) {
-    return plan.jobs[plan.runs[run].jobs.at(step)];
+  static const Job& job_of(const Plan& plan, std::size_t run, std::string_view step) {
+    return plan.jobs[plan.runs[run].jobs.at(std::string(step))];
   }
 
   /// Lines of calls.txt that begin with a program's name.

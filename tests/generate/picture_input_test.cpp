@@ -375,7 +375,8 @@ class PictureFiles : public ::testing::Test {
 };
 
 TEST_F(PictureFiles, ThatCannotBeUsedAreRefusedByOneClearLine) {
-  expect_unusable(stored("text.png", {'h', 'e', 'l', 'l', 'o'}), "cannot be decoded as a picture");
+  expect_unusable(stored("text.png", std::vector<std::uint8_t>{'h', 'e', 'l', 'l', 'o'}),
+                  "cannot be decoded as a picture");
   expect_unusable(stored("empty.png", std::vector<std::uint8_t>{}), "zero bytes");
   expect_unusable(folder_ / "missing.png", "missing.png");
   expect_unusable(stored("dot.png", cv::Mat(1, 1, CV_8UC4, cv::Scalar(9, 9, 9, 9))), "1 x 1 pixels is too small");
