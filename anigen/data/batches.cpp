@@ -131,11 +131,11 @@ std::vector<std::vector<std::size_t>> balanced_groups(const std::vector<std::uin
   return result;
 }
 
-Prefetcher::Prefetcher(const BatchSource& source, std::uint64_t seed, std::uint64_t first_position,
+Prefetcher::Prefetcher(std::shared_ptr<const BatchSource> source, std::uint64_t seed, std::uint64_t first_position,
                        const Options& options)
-    : source_(source),
+    : source_(std::move(source)),
       options_(options),
-      order_(order_of(source, seed, options.batch_size)),
+      order_(order_of(*source_, seed, options.batch_size)),
       position_(first_position) {
   for (std::size_t i = 0; i < options_.workers; ++i) threads_.emplace_back([this] { work(); });
 }
@@ -151,9 +151,9 @@ Prefetcher::~Prefetcher() {
 
 StepBatches Prefetcher::load(const std::vector<Draw>& draws) const {
   StepBatches batches;
-  for (const std::vector<Draw>& part : source_.split(draws, options_.batch_split)) {
+  for (const std::vector<Draw>& part : source_->split(draws, options_.batch_split)) {
     const bool ours = batches.size() % options_.ranks == options_.rank;
-    batches.push_back(ours ? source_.load(part) : nullptr);
+    batches.push_back(ours ? source_->load(part) : nullptr);
   }
   return batches;
 }

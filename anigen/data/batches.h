@@ -107,8 +107,9 @@ class Prefetcher {
     std::size_t rank = 0, ranks = 1;  ///< loads micro-batches rank, rank + ranks, … of every step
   };
 
-  /// @param source must outlive the prefetcher
-  Prefetcher(const BatchSource& source, std::uint64_t seed, std::uint64_t first_position, const Options& options);
+  /// @param source is kept as long as threads may read it: a training takes newer data while they load
+  Prefetcher(std::shared_ptr<const BatchSource> source, std::uint64_t seed, std::uint64_t first_position,
+             const Options& options);
   ~Prefetcher();
   Prefetcher(const Prefetcher&) = delete;
   Prefetcher& operator=(const Prefetcher&) = delete;
@@ -124,7 +125,7 @@ class Prefetcher {
   StepBatches load(const std::vector<Draw>& draws) const;
   void work();
 
-  const BatchSource& source_;
+  const std::shared_ptr<const BatchSource> source_;
   const Options options_;
   std::mutex mutex_;
   std::condition_variable space_, ready_;

@@ -42,6 +42,14 @@ std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& fold
   return files;
 }
 
+/// The data of a stage, which may get others while these are still read. A stage that is its own source outlives its
+/// readers.
+std::shared_ptr<const data::BatchSource> held_data(const Stage& stage) {
+  const data::BatchSource& data = stage.data();
+  std::shared_ptr<const data::BatchSource> held = data.weak_from_this().lock();
+  return held ? held : std::shared_ptr<const data::BatchSource>(std::shared_ptr<void>(), &data);
+}
+
 data::StepBatches next_batches(data::Prefetcher& batches) {
   RECORD_USER_SCOPE("step: waiting for data");
   return batches.next();
@@ -159,7 +167,7 @@ void Trainer::train() {
   loading.rank = static_cast<std::size_t>(ranks_->rank());
   loading.ranks = static_cast<std::size_t>(ranks_->size());
   std::optional<data::Prefetcher> batches;
-  batches.emplace(stages_.front()->data(), options_.seed, samples_, loading);
+  batches.emplace(held_data(*stages_.front()), options_.seed, samples_, loading);
 
   std::optional<Progress> progress;  // a bar on a terminal; elsewhere the lines of print() say enough
   if (first() && ::isatty(STDERR_FILENO) != 0) {
@@ -195,7 +203,7 @@ void Trainer::train() {
     // Data change together with a checkpoint that names them, so that a run that goes on sees the same.
     const Clock::time_point change = Clock::now();
     if (due(step_, options_.i_save) && step_ < options_.max_steps && take_newer_shards()) {
-      batches.emplace(stages_.front()->data(), options_.seed, samples_, loading);
+      batches.emplace(held_data(*stages_.front()), options_.seed, samples_, loading);
       count_wait(change);
     }
     if (due(step_, options_.i_save) || step_ == options_.before_decay) save();

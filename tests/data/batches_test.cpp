@@ -1,7 +1,11 @@
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <memory>
 #include <numeric>
 #include <set>
+#include <thread>
 
 #include "anigen/core/error.h"
 #include "anigen/core/random.h"
@@ -125,6 +129,34 @@ TEST(BucketedOrder, AnyPlaceCanBeAskedFor) {
     const std::vector<Draw> part = other.draws(first, 9);
     for (std::size_t i = 0; i < 9; ++i) EXPECT_EQ(part[i].item, draws[first + i].item);
   }
+}
+
+/// Tells when it is gone; loading takes a while.
+class SlowSource : public BatchSource {
+ public:
+  explicit SlowSource(std::atomic<bool>& gone) : gone_(gone) {}
+  ~SlowSource() override { gone_ = true; }
+  std::size_t size() const override { return 4; }
+  std::unique_ptr<Batch> load(const std::vector<Draw>&) const override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return std::make_unique<Batch>();
+  }
+
+ private:
+  std::atomic<bool>& gone_;
+};
+
+TEST(Prefetcher, KeepsItsSourceWhileThreadsReadIt) {
+  std::atomic<bool> gone{false};
+  auto source = std::make_shared<SlowSource>(gone);
+  {
+    Prefetcher loader(source, 1, 0, {2, 1, 2, 3});
+    loader.next();
+    source.reset();  // as a training does that takes newer shards
+    EXPECT_FALSE(gone);
+    EXPECT_EQ(loader.next().size(), 1U);
+  }
+  EXPECT_TRUE(gone);
 }
 
 }  // namespace

@@ -49,12 +49,12 @@ TEST_F(PublishedOnDisk, BatchesDoNotDependOnWorkersNorOnWhereARunBegan) {
   const Datasets data = features(args);
   std::vector<std::vector<StepBatches>> runs;
   for (const std::size_t workers : {0u, 1u, 3u}) {
-    Prefetcher loader(*data.train, 9, 0, {2, 2, workers, 3});
+    Prefetcher loader(data.train, 9, 0, {2, 2, workers, 3});
     runs.emplace_back();
     for (int step = 0; step < 9; ++step) runs.back().push_back(loader.next());
   }
   const Datasets reopened = features(args);
-  Prefetcher resumed(*reopened.train, 9, 2 * 5, {2, 2, 2, 2});
+  Prefetcher resumed(reopened.train, 9, 2 * 5, {2, 2, 2, 2});
   for (std::size_t step = 0; step < 9; ++step) {
     const StepBatches later = step >= 5 ? resumed.next() : StepBatches();
     ASSERT_EQ(runs[0][step].size(), 2u);

@@ -122,7 +122,7 @@ TEST_F(SkinData, BlendSamplingPrefersBlendedPlaces) {
 }
 
 TEST_F(SkinData, BatchesDoNotDependOnWorkersNorOnWhereARunBegan) {
-  const SkinDataset data = dataset(options());
+  const auto data = std::make_shared<const SkinDataset>(dataset(options()));
   std::vector<std::vector<StepBatches>> runs;
   for (const std::size_t workers : {0u, 1u, 3u}) {
     Prefetcher loader(data, 9, 0, {5, 2, workers, 3});
@@ -174,7 +174,7 @@ TEST_F(SkinData, BrokenAssetsAreCountedAndNamed) {
 TEST_F(SkinData, AnErrorWhileLoadingReachesTheCaller) {
   SkinDataset::Options none = options();
   none.memory_budget = 0;
-  const SkinDataset data = dataset(none);
+  const auto data = std::make_shared<const SkinDataset>(dataset(none));
   std::filesystem::remove(test::rig_file(folder_.path(), "rig003"));
   Prefetcher loader(data, 9, 0, {7, 1, 2, 2});
   EXPECT_THROW(loader.next(), InputError);
