@@ -283,7 +283,8 @@ void compare(const std::string& file) {
   }
   std::printf("%-20s %6s %8s %8s %9s %9s %9s %9s\n", "family", "pairs", "reached", "better", "worst %", "median ms",
               "95 % ms", "max ms");
-  for (auto& [name, row] : rows) {
+  for (auto& [name, of_name] : rows) {
+    Row& row = of_name;  // a lambda takes it
     std::sort(row.milliseconds.begin(), row.milliseconds.end());
     const auto at = [&](double share) {
       return row.milliseconds[static_cast<std::size_t>(share * static_cast<double>(row.pairs - 1))];

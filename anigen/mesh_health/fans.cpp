@@ -25,7 +25,7 @@ using FacePairs = std::vector<std::pair<std::int32_t, std::int32_t>>;
 
 std::vector<Leaf> leaves_of(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
                             const MeshEdges& edges, std::size_t edge) {
-  const auto [low, high] = edges[edge];
+  const std::int32_t low = edges[edge][0], high = edges[edge][1];  // a lambda takes them
   const Eigen::Vector3d start = vertices[at(low)].cast<double>();
   const Eigen::Vector3d axis = (vertices[at(high)].cast<double>() - start).normalized();
   const Eigen::Vector3d side = axis.unitOrthogonal(), other = axis.cross(side);

@@ -10,20 +10,6 @@
 namespace anigen {
 namespace {
 
-// a b + c: 0 when the product is rounded first, 2^-24 when it is fused with the sum.
-constexpr float kFactor = 1.0F + 1.0F / 4096.0F, kRest = -1.0F - 1.0F / 2048.0F;
-
-ANIGEN_KERNEL(void, multiply_and_add, (const float* a, const float* b, float* c), (a, b, c)) { *c += *a * *b; }
-ANIGEN_EXACT_KERNEL(void, multiply_and_add_exactly, (const float* a, const float* b, float* c), (a, b, c)) {
-  *c += *a * *b;
-}
-
-float left_of(void (*kernel)(const float*, const float*, float*)) {
-  float rest = kRest;
-  kernel(&kFactor, &kFactor, &rest);
-  return rest;
-}
-
 std::string refusal_of(const std::string& value) {
   try {
     requested_kernel_form(value);
@@ -78,6 +64,20 @@ TEST(KernelForm, AScopeLastsUntilItsEnd) {
 }
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+// a b + c: 0 when the product is rounded first, 2^-24 when it is fused with the sum.
+constexpr float kFactor = 1.0F + 1.0F / 4096.0F, kRest = -1.0F - 1.0F / 2048.0F;
+
+ANIGEN_KERNEL(void, multiply_and_add, (const float* a, const float* b, float* c), (a, b, c)) { *c += *a * *b; }
+ANIGEN_EXACT_KERNEL(void, multiply_and_add_exactly, (const float* a, const float* b, float* c), (a, b, c)) {
+  *c += *a * *b;
+}
+
+float left_of(void (*kernel)(const float*, const float*, float*)) {
+  float rest = kRest;
+  kernel(&kFactor, &kFactor, &rest);
+  return rest;
+}
+
 __attribute__((target("avx512f"))) void written_for_avx512(const float* a, const float* b, float* c) { *c += *a * *b; }
 void written_for_all(const float* a, const float* b, float* c) { *c += *a * *b; }
 

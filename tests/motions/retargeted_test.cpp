@@ -24,7 +24,6 @@ SourceClip as_source(const Asset& asset, const BodyMotion& motion, int frames) {
 
 /// A biped of twice the size with arms bound downwards.
 Asset tall_biped() {
-  MotionOptions one;
   Asset asset = test::made_biped();
   const Body body = analyse(asset);
   Poser poser(body);

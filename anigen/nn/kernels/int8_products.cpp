@@ -104,7 +104,9 @@ static_assert(kInt8PanelColumns == kQuadLanes * kQuadVectors);
 
 // GCC 12 takes the don't-care operands of its own intrinsics for variables without a value.
 #pragma GCC diagnostic push
+#ifndef __clang__
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
 #pragma GCC diagnostic ignored "-Wuninitialized"
 
 // wide_group() for kRows rows, four integers at a time.

@@ -51,11 +51,16 @@ struct NothingAhead {
 #if ANIGEN_BF16_X86
 #define ANIGEN_BF16 __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,avx512bf16")))
 #define ANIGEN_BF16_INLINE ANIGEN_BF16 inline __attribute__((always_inline))
+#ifdef __clang__
+#define ANIGEN_BF16_BEGIN
+#define ANIGEN_BF16_END
+#else
 // GCC 12 takes the don't-care operands of its own intrinsics for variables without a value.
 #define ANIGEN_BF16_BEGIN                                                                    \
   _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Wmaybe-uninitialized\"") \
       _Pragma("GCC diagnostic ignored \"-Wuninitialized\"")
 #define ANIGEN_BF16_END _Pragma("GCC diagnostic pop")
+#endif
 
 ANIGEN_BF16_BEGIN
 
