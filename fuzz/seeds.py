@@ -225,8 +225,9 @@ def safetensors(seeds):
         header["model." + dtype] = {"dtype": dtype, "shape": [2, 1], "data_offsets": [end, end + 2 * size]}
         end += 2 * size
     scalar = {"a": {"dtype": "F32", "shape": [], "data_offsets": [0, 4]}}
-    for name, words, size in (("all", header, end), ("none", {}, 0), ("scalar", scalar, 4)):
-        text = json.dumps(words).encode()
+    # Of the last, a number beyond the largest double, found by fuzzing.
+    for name, text, size in (("all", json.dumps(header), end), ("none", "{}", 0), ("scalar", json.dumps(scalar), 4), ("beyond", '{"a":31E872}', 0)):
+        text = text.encode()
         seeds.add("safetensors", name, struct.pack("<Q", len(text)) + text + bytes(size))
 
 

@@ -5,6 +5,7 @@
 #     --borrow   starts from files of others, too: of ../shared where it is there, and of Debian's assimp-testmodels
 #   scripts/fuzz.sh --coverage [TARGET…]   lines of each reader that the inputs reach (needs llvm)
 #   scripts/fuzz.sh --keep                 the least inputs that reach as much become fuzz/corpus.tar.xz
+#   scripts/fuzz.sh --table                a table of the runs so far, their coverage and the replay (preset release)
 # Inputs come from fuzz/seeds.py, fuzz/corpus.tar.xz and files of the repository; what was learnt stays in build/fuzz/corpus, with
 # --borrow in build/fuzz/borrowed, of which the repository keeps nothing. build/fuzz/runs.csv has a line for each target
 # that ran. An input that crashes, hangs or asks for more than 2 GB is kept in build/fuzz/findings, and the script exits with
@@ -140,6 +141,30 @@ if [ "${1:-}" = --keep ]; then
   [ -n "$(find "$least" -type f -print -quit)" ] || { echo "fuzz: nothing to keep; fuzz/corpus.tar.xz stays as it is" >&2; exit 1; }
   tar -C "$least" --sort=name --owner=0 --group=0 --numeric-owner --mtime=@0 -cf - . | xz -9e >fuzz/corpus.tar.xz
   stat -c '%n: %s bytes' fuzz/corpus.tar.xz
+  exit
+fi
+
+if [ "${1:-}" = --table ]; then
+  # Several targets read through the same sources; every line of build/fuzz/runs.csv that is not clean is a finding.
+  build/release/fuzz/fuzz_replay build/release/fuzz/replayed_corpus 2>/dev/null >build/fuzz/replay.txt
+  echo '| target | million runs | hours | lines reached | findings | inputs kept | slowest of them |'
+  echo '|---|--:|--:|--:|--:|--:|--:|'
+  awk '
+    FILENAME ~ /runs.csv/ { split($0, part, ","); if (FNR > 1) {
+      runs[part[1]] += part[4]; seconds[part[1]] += part[3]; if ($0 !~ /"clean"$/) found[part[1]]++ } }
+    FILENAME ~ /coverage.csv/ { split($0, part, ","); if (FNR > 1) lines[part[1]] = sprintf("%.1f %%", 100 * part[3] / part[2]) }
+    FILENAME ~ /replay.txt/ && NF == 4 && ($1 in runs) { inputs[$1] = $2; slowest[$1] = $4 " ms"; order[++targets] = $1 }
+    function row(name, of_runs, of_seconds, of_lines, of_findings, of_inputs, of_slowest) {
+      printf "| %s | %.2f | %.2f | %s | %d | %d | %s |\n", name, of_runs / 1e6, of_seconds / 3600, of_lines, of_findings, of_inputs, of_slowest
+    }
+    END {
+      for (i = 1; i <= targets; i++) {
+        name = order[i]
+        row(name, runs[name], seconds[name], lines[name], found[name], inputs[name], slowest[name])
+        all_runs += runs[name]; all_seconds += seconds[name]; all_found += found[name]; all_inputs += inputs[name]
+      }
+      row("all", all_runs, all_seconds, "", all_found, all_inputs, "")
+    }' build/fuzz/runs.csv build/fuzz/coverage.csv build/fuzz/replay.txt
   exit
 fi
 
