@@ -146,7 +146,7 @@ fi
 
 if [ "${1:-}" = --table ]; then
   # Several targets read through the same sources; every line of build/fuzz/runs.csv that is not clean is a finding.
-  build/release/fuzz/fuzz_replay build/release/fuzz/replayed_corpus 2>/dev/null >build/fuzz/replay.txt
+  build/release/fuzz/fuzz_replay build/release/fuzz/replayed_corpus 2>/dev/null | grep -E '^[a-z_]+ +[0-9]+ ' >build/fuzz/replay.txt
   echo '| target | million runs | hours | lines reached | findings | inputs kept | slowest of them |'
   echo '|---|--:|--:|--:|--:|--:|--:|'
   awk '
