@@ -45,12 +45,15 @@ std::string read_guarded(const std::string& file, const std::string& crashed, co
     throw InputError(file, "", problem);
   }
   std::string& text = work.result;
+  // A reader that a hostile file has taken over may answer anything.
+  const std::size_t end = text.empty() ? std::string::npos : text.find('\0', 1);
+  if (text.empty() || (static_cast<Answer>(text.front()) != Answer::kRead && end == std::string::npos))
+    throw InputError(file, "", "its reader gave no answer that can be understood");
   const auto answer = static_cast<Answer>(text.front());
   if (answer == Answer::kRead) {
     text.erase(0, 1);
     return std::move(text);
   }
-  const std::size_t end = text.find('\0', 1);
   const std::string place = text.substr(1, end - 1);
   std::string problem = text.substr(end + 1);
   if (answer == Answer::kInputError) throw InputError(file, place, problem);

@@ -12,7 +12,7 @@ namespace anigen {
 /// @param file   name in messages
 /// @param crashed problem of a reader that crashed or ran past a limit: "Assimp cannot read it: it %; export it again",
 ///               where % stands for how it ended
-/// @return what the reader returned
+/// @return what the reader returned; check it like a foreign file, for a hostile file may have taken its reader over
 /// @throws InputError, NotSupportedError; Error when the system refuses a process
 std::string read_guarded(const std::string& file, const std::string& crashed, const ProcessLimits& limits,
                          const std::function<std::string()>& reader);

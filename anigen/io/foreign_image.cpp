@@ -1,8 +1,10 @@
 #include "anigen/io/foreign_image.h"
 
+#include <algorithm>
 #include <cstring>
 #include <string_view>
 
+#include "anigen/core/error.h"
 #include "anigen/core/guarded_reader.h"
 
 namespace anigen::io {
@@ -47,8 +49,13 @@ Image decode_foreign_image(const std::vector<std::uint8_t>& bytes, const std::st
       read_guarded(name_for_errors, "cannot be decoded as a picture: the decoder %; the file is damaged or hostile",
                    limits, [&bytes] { return decoded_answer(bytes); });
   PictureHead head;
-  std::memcpy(&head, answer.data(), sizeof head);
-  const std::string_view rgba = std::string_view(answer).substr(sizeof head);
+  std::memcpy(&head, answer.data(), std::min(sizeof head, answer.size()));
+  const std::string_view rgba = std::string_view(answer).substr(std::min(sizeof head, answer.size()));
+  const auto fits = [](int side) { return side > 0 && side <= kMostPixelsPerSide; };
+  // A decoder that the file has taken over may answer anything.
+  if (!fits(head.width) || !fits(head.height) ||
+      rgba.size() != std::size_t{4} * static_cast<std::size_t>(head.width) * static_cast<std::size_t>(head.height))
+    throw InputError(name_for_errors, "", "cannot be decoded as a picture: the decoder gave no picture");
   Image image;
   image.width = head.width;
   image.height = head.height;

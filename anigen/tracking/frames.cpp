@@ -146,14 +146,23 @@ Video read_video_file(const fs::path& path) {
         return bytes;
       });
   VideoHead head;
-  std::memcpy(&head, answer.data(), sizeof head);
+  std::memcpy(&head, answer.data(), std::min(sizeof head, answer.size()));
+  const auto fits = [](int side) { return side > 0 && side <= kMostFrameSide; };
+  const std::size_t frame_bytes =
+      fits(head.width) && fits(head.height)
+          ? std::size_t{4} * static_cast<std::size_t>(head.width) * static_cast<std::size_t>(head.height)
+          : 0;
+  // A decoder that the file has taken over may answer anything.
+  if (frame_bytes == 0 || answer.size() <= sizeof head || (answer.size() - sizeof head) % frame_bytes != 0 ||
+      (answer.size() - sizeof head) / frame_bytes > kMostFrames || !std::isfinite(head.fps))
+    throw InputError(path.string(), "", "cannot be read as a video: the decoder gave no frames");
   Video video;
   video.fps = head.fps;
   const io::Image blank(head.width, head.height);
-  for (std::size_t at = sizeof head; at < answer.size(); at += blank.rgba.size()) {
+  for (std::size_t at = sizeof head; at < answer.size(); at += frame_bytes) {
     video.names.push_back(frame_name(path, video.frames.size()));
     video.frames.push_back(blank);
-    std::memcpy(video.frames.back().rgba.data(), answer.data() + at, blank.rgba.size());
+    std::memcpy(video.frames.back().rgba.data(), answer.data() + at, frame_bytes);
   }
   return video;
 }
