@@ -32,12 +32,13 @@ namespace {
 
 /// Fields of /proc/<id>/stat behind the program's name, which may hold blanks and brackets itself.
 struct ProcessState {
-  char state = 0;  ///< 0: there is no such process, or nobody says
-  std::uint64_t started = 0;
+  char state = 0;                         ///< 0: there is no such process, or nobody says
+  std::uint64_t worked = 0, started = 0;  ///< in clock ticks: processor time, and the start since boot
 };
 
 ProcessState state_of(std::int64_t id) {
-  constexpr int kFieldsBetween = 18;  // from the state, field 3, to the time of the start, field 22
+  constexpr int kFieldsBeforeTimes = 10;  // between the state, field 3, and processor times, fields 14 and 15
+  constexpr int kFieldsBehindTimes = 6;   // between these and the time of the start, field 22
   std::ifstream file("/proc/" + std::to_string(id) + "/stat");
   std::string line;
   if (!std::getline(file, line)) return {};
@@ -46,9 +47,13 @@ ProcessState state_of(std::int64_t id) {
   std::istringstream fields(line.substr(name_end + 1));
   ProcessState found;
   std::string skipped;
+  std::uint64_t of_user = 0, of_system = 0;
   fields >> found.state;
-  for (int i = 0; i < kFieldsBetween; ++i) fields >> skipped;
+  for (int i = 0; i < kFieldsBeforeTimes; ++i) fields >> skipped;
+  fields >> of_user >> of_system;
+  for (int i = 0; i < kFieldsBehindTimes; ++i) fields >> skipped;
   fields >> found.started;
+  found.worked = of_user + of_system;
   return fields ? found : ProcessState{};
 }
 
@@ -81,6 +86,9 @@ void handle(int signal) {
 
 constexpr int kWorkThrew = 3;
 constexpr int kPollMilliseconds = 20;
+/// A copy that sleeps so long without working is taken for one that waits for a lock that nobody gives back.
+constexpr double kStuckSeconds = 2.0;
+constexpr int kMostCopies = 3;
 /// Of time that passes to time the processor works: only work that waits for something reaches it.
 constexpr double kPatience = 10.0;
 
@@ -160,12 +168,14 @@ void close_all_but(int kept) {
   ::_exit(status);
 }
 
-/// Collects the result that the copy sends.
+/// Collects the result that the copy sends. A hostile file may have taken the copy over, so the length it announces is
+/// bounded: honest work holds its result in memory.
 class Receiver {
  public:
-  explicit Receiver(int from) : from_(from) {}
+  /// @param most bytes of the result
+  Receiver(int from, std::uint64_t most) : from_(from), most_(most) {}
 
-  /// Takes what is there. @return false when no more can come
+  /// Takes what is there. @return false when no more can come, or is wanted
   bool receive() {
     char buffer[65536];
     for (;;) {
@@ -176,23 +186,59 @@ class Receiver {
         return false;
       else if (errno != EINTR)
         return errno == EAGAIN || errno == EWOULDBLOCK;
-      if (is_complete()) return false;
+      if (is_complete() || is_too_long()) return false;
     }
   }
-  bool is_complete() const {
-    std::uint64_t size = 0;
-    if (bytes_.size() < sizeof size) return false;
-    std::memcpy(&size, bytes_.data(), sizeof size);
-    return bytes_.size() - sizeof size >= size;
-  }
+  bool is_complete() const { return has_length() && length() <= most_ && bytes_.size() - kHead >= length(); }
+  bool is_too_long() const { return has_length() && length() > most_; }
+  std::size_t received() const { return bytes_.size(); }
   std::string take() {
-    bytes_.erase(0, sizeof(std::uint64_t));
+    bytes_.resize(kHead + length());
+    bytes_.erase(0, kHead);
     return std::move(bytes_);
   }
 
  private:
+  static constexpr std::size_t kHead = sizeof(std::uint64_t);
+
+  bool has_length() const { return bytes_.size() >= kHead; }
+  std::uint64_t length() const {
+    std::uint64_t value = 0;
+    std::memcpy(&value, bytes_.data(), kHead);
+    return value;
+  }
+
   int from_;
+  std::uint64_t most_;
   std::string bytes_;
+};
+
+double seconds_after(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// Notices a copy that waits for ever. Locks that other threads held when it was made stay locked in it; those of the C
+/// library are mended by fork(), those of other libraries are not.
+class StuckWatch {
+ public:
+  explicit StuckWatch(pid_t id) : id_(id) {}
+
+  /// Call again and again. @param received bytes that have come from it
+  bool is_stuck(std::size_t received) {
+    if (seconds_after(looked_) < 0.1) return false;
+    looked_ = std::chrono::steady_clock::now();
+    const ProcessState now = state_of(id_);
+    if (now.state != 'S' || now.worked != worked_ || received != received_) moved_ = looked_;
+    worked_ = now.worked;
+    received_ = received;
+    return seconds_after(moved_) > kStuckSeconds;
+  }
+
+ private:
+  pid_t id_;
+  std::chrono::steady_clock::time_point looked_ = std::chrono::steady_clock::now(), moved_ = looked_;
+  std::uint64_t worked_ = 0;
+  std::size_t received_ = 0;
 };
 
 std::string ending(int status, double cpu_seconds) {
@@ -409,10 +455,15 @@ void ChildProcess::ask_to_stop() {
   if (!std::exchange(asked_, true)) send(SIGTERM);
 }
 
-GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessLimits& limits) {
+namespace {
+
+/// @param is_last an earlier copy was stuck too often: this one may sleep as long as there is patience
+/// @return nothing for a copy that is stuck
+std::optional<GuardedWork> work_guarded(const std::function<std::string()>& work, const ProcessLimits& limits,
+                                        bool is_last) {
   const std::uint64_t machine = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * page_bytes();
-  const std::uint64_t used = bytes_in_use();
-  const std::uint64_t memory = used > 0 ? used + (limits.more_memory > 0 ? limits.more_memory : machine) : 0;
+  const std::uint64_t used = bytes_in_use(), more = limits.more_memory > 0 ? limits.more_memory : machine;
+  const std::uint64_t memory = used > 0 ? used + more : 0;
   Pipe pipe;
   const int* ends = pipe.ends;
   const pid_t parent = ::getpid(), id = ::fork();
@@ -426,33 +477,47 @@ GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessL
   ::close(pipe.take(1));
   ::fcntl(ends[0], F_SETFL, ::fcntl(ends[0], F_GETFL) | O_NONBLOCK);
   ChildProcess copy(id, SIGKILL);
-  Receiver receiver(ends[0]);
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  Receiver receiver(ends[0], more);
+  StuckWatch watch(id);
+  const auto start = std::chrono::steady_clock::now();
   GuardedWork outcome;
   std::optional<ChildProcess::End> end;
   for (;;) {
     // Looked at before the pipe is emptied: then nothing can come after it. The pipe's end alone does not tell, since a
     // copy that another thread makes meanwhile keeps it open.
     end = copy.poll();
-    const bool more = receiver.receive();
+    const bool more_may_come = receiver.receive();
     if (receiver.is_complete()) {
       outcome.finished = true;
       outcome.result = receiver.take();
       return outcome;
     }
+    if (receiver.is_too_long()) {
+      outcome.failure = "sent back more than it may hold in memory";
+      return outcome;
+    }
     if (end) break;
     if (limits.while_waiting) limits.while_waiting();
-    if (std::chrono::duration<double>(Clock::now() - start).count() > kPatience * std::max(1.0, limits.cpu_seconds)) {
+    if (!is_last && watch.is_stuck(receiver.received())) return std::nullopt;
+    if (seconds_after(start) > kPatience * std::max(1.0, limits.cpu_seconds)) {
       outcome.failure = "did not finish within " +
                         std::to_string(static_cast<long>(kPatience * std::max(1.0, limits.cpu_seconds))) + " s";
       return outcome;
     }
     pollfd wanted{ends[0], POLLIN, 0};
-    ::poll(&wanted, more ? 1 : 0, more ? kPollMilliseconds : 1);
+    ::poll(&wanted, more_may_come ? 1 : 0, more_may_come ? kPollMilliseconds : 1);
   }
   outcome.failure = ending(end->status, limits.cpu_seconds);
   return outcome;
+}
+
+}  // namespace
+
+GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessLimits& limits) {
+  for (int copies = 1;; ++copies) {
+    if (std::optional<GuardedWork> outcome = work_guarded(work, limits, copies == kMostCopies))
+      return std::move(*outcome);
+  }
 }
 
 }  // namespace anigen

@@ -144,7 +144,7 @@ class ChildProcess {
 struct ProcessLimits {
   double cpu_seconds = 60.0;
   std::uint64_t more_memory =
-      0;  ///< bytes of address space beyond what this process has; 0: as much as the machine has
+      0;  ///< bytes of address space beyond this process's, and of a result; 0: as much as the machine has
   /// Rights that it keeps; nothing: all of this process's, with the files that are open in it.
   std::optional<SandboxRights> sandbox = {};
   /// Called here many times a second while the work runs, to show progress; the work is ended by what it throws.
@@ -159,9 +159,9 @@ struct GuardedWork {
 };
 
 /// Runs work that may crash, hang or fill the memory, such as a library that parses a foreign file, in a copy of this
-/// process (fork), so that this one goes on whatever happens. The copy has the calling thread alone: the work must not
-/// wait for others, and so use neither parallel_for nor the log. What it changes in memory stays in the copy. An
-/// exception that leaves it counts as a crash. The copy ends with its parent.
+/// process (fork). The copy has the calling thread alone: the work must not wait for others, and so use neither
+/// parallel_for nor the log. What it changes in memory stays in the copy; one that sleeps for 2 s without working, as
+/// for a lock of another thread, is replaced, twice at most. An exception counts as a crash. It ends with its parent.
 /// @throws Error when the system refuses a process
 GuardedWork run_guarded(const std::function<std::string()>& work, const ProcessLimits& limits);
 

@@ -1,11 +1,14 @@
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
 #include <functional>
+#include <mutex>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -154,6 +157,32 @@ TEST(GuardedProcess, IsEndedByWhatTheWaitThrows) {
   EXPECT_EQ(waits, 3);
 }
 
+TEST(GuardedProcess, BeginsAgainWhenItWaitsForALockThatNobodyGivesBack) {
+  // A library's lock is held by another thread when the first copy is made.
+  std::mutex lock;
+  std::atomic<bool> held{false}, enough{false};
+  std::thread other([&] {
+    lock.lock();
+    held = true;
+    while (!enough) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    lock.unlock();
+  });
+  while (!held) std::this_thread::yield();
+  ProcessLimits limits;
+  const auto start = std::chrono::steady_clock::now();
+  limits.while_waiting = [&] { enough = true; };
+  const GuardedWork work = run_guarded(
+      [&] {
+        const std::lock_guard<std::mutex> waits(lock);
+        return std::string("read");
+      },
+      limits);
+  other.join();
+  EXPECT_TRUE(work.finished) << work.failure;
+  EXPECT_EQ(work.result, "read");
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(60)) << "not the patience for the whole";
+}
+
 TEST(GuardedProcess, BoundsTheMemory) {
   ProcessLimits limits;
   limits.more_memory = std::uint64_t{256} << 20;
@@ -169,6 +198,34 @@ TEST(GuardedProcess, BoundsTheMemory) {
   };
   EXPECT_EQ(reserves(16), "there");
   EXPECT_EQ(reserves(1024), "refused");
+}
+
+/// Work that a hostile file has taken over: it announces a result of so many bytes, and sends bytes until it is ended.
+std::string send_without_end(std::uint64_t announced) {
+  for (int file = STDERR_FILENO + 1; file < 1024; ++file) {
+    const int mode = ::fcntl(file, F_GETFL);
+    struct stat what {};
+    if (mode < 0 || (mode & O_ACCMODE) != O_WRONLY || ::fstat(file, &what) != 0 || !S_ISFIFO(what.st_mode)) continue;
+    const std::string bytes(1 << 20, 'x');
+    if (::write(file, &announced, sizeof announced) != sizeof announced) break;
+    while (::write(file, bytes.data(), bytes.size()) > 0) {
+    }
+  }
+  return "";
+}
+
+TEST(GuardedProcess, BoundsTheResult) {
+  ProcessLimits limits;
+  limits.cpu_seconds = 5.0;
+  limits.more_memory = std::uint64_t{256} << 20;
+  for (const std::uint64_t announced : {~std::uint64_t{0}, limits.more_memory + 1}) {
+    const GuardedWork work = run_guarded([&] { return send_without_end(announced); }, limits);
+    EXPECT_FALSE(work.finished);
+    EXPECT_EQ(work.failure, "sent back more than it may hold in memory");
+  }
+  const GuardedWork work = run_guarded([] { return send_without_end(3); }, limits);
+  EXPECT_TRUE(work.finished);
+  EXPECT_EQ(work.result, "xxx") << "as many bytes as were announced";
 }
 
 }  // namespace
