@@ -84,12 +84,6 @@ double milliseconds_since(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// The motions that the job's options ask for, as far as the asset has no clip of them.
-void add_clips(const JobRecord& record, Asset& asset) {
-  for (Animation& clip : clips_of(asset, parse_job_options(record.options, record.kind), nullptr))
-    asset.animations.push_back(std::move(clip));
-}
-
 }  // namespace
 
 JobRecord Api::known(const std::string& id) const {
@@ -204,6 +198,13 @@ std::shared_ptr<const Asset> Api::asset_of(const std::string& id, const std::str
     loaded_time_ = time;
   }
   return asset_;
+}
+
+/// Adds the clips that the job made, as far as an edit of its rig lacks them. @pre computing_ is held
+void Api::add_clips(const JobRecord& record, Asset& edit) {
+  if (record.inputs.count("motion") > 0)
+    add_uploaded_clip(store_.folder(record.id), record, *asset_of(record.id, kRiggedFile), edit);
+  for (Animation& clip : clips_of(edit, options_of(record), nullptr)) edit.animations.push_back(std::move(clip));
 }
 
 /// The rig whose weights an edit keeps: that of the job itself, or after new names the edited one.

@@ -55,6 +55,7 @@ class Api {
   JobRecord known(const std::string& id) const;
   Json described(const JobRecord& record) const;
   std::shared_ptr<const Asset> asset_of(const std::string& id, const std::string& file);
+  void add_clips(const JobRecord& record, Asset& edit);
   void keep_edit(const std::string& id, const std::string& glb) const;
   std::shared_ptr<const Asset> asset_with(const std::string& id, const Skeleton& skeleton);
 

@@ -6,6 +6,7 @@
 #include <condition_variable>
 #include <cstdlib>
 #include <deque>
+#include <exception>
 #include <fstream>
 #include <iostream>
 #include <mutex>
@@ -198,11 +199,20 @@ int run_job_worker(const fs::path& writable) {
   rights.processes = true;  // Assimp has one of its own
   rights.file_bytes = kLargestFile;
   rights.more_files = kMoreFiles;
-  enter_sandbox(rights);
+  std::string refusal;
+  try {
+    enter_sandbox(rights);
+  } catch (const std::exception& error) {
+    refusal = error.what();
+  }
   Inbox inbox;
   JobWork work;
   for (;;) {
     const Json message = inbox.next();
+    if (!refusal.empty()) {
+      messages.send({{"event", "failed"}, {"problem", refusal}});
+      std::_Exit(1);  // the next job gets a new process
+    }
     Job job([&messages](const std::string& stage, double fraction) {
       messages.send({{"event", "progress"}, {"stage", stage}, {"fraction", fraction}});
     });

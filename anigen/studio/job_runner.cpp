@@ -1,6 +1,7 @@
 #include "anigen/studio/job_runner.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <exception>
 #include <new>
 #include <utility>
@@ -73,7 +74,8 @@ std::optional<JobRecord> JobRunner::submit(JobRecord record, const std::vector<I
 }
 
 bool JobRunner::cancel(const std::string& id) {
-  bool runs = false, waits = false;
+  bool runs = false;
+  std::optional<std::pair<Lane, std::size_t>> place;  // in a queue
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto running = running_.find(id);
@@ -81,25 +83,42 @@ bool JobRunner::cancel(const std::string& id) {
       runs = running->second.cancelled = true;
       if (running->second.job != nullptr) running->second.job->cancel();
     }
-    for (auto& queue : queues_) {
-      const auto place = std::find(queue.begin(), queue.end(), id);
-      if (place == queue.end()) continue;
-      queue.erase(place);
-      waits = true;
+    // Out of its queue first: a job that is being cancelled must not begin.
+    for (const Lane lane : {kImages, kMeshes}) {
+      auto& queue = queues_[lane];
+      const auto found = std::find(queue.begin(), queue.end(), id);
+      if (found == queue.end()) continue;
+      place.emplace(lane, static_cast<std::size_t>(found - queue.begin()));
+      queue.erase(found);
     }
   }
-  if (!runs && !waits) return false;
+  if (!runs && !place) return false;
   bool ended = false;  // on disk, while its thread has not yet taken it from those that run
-  // On disk, too, so that a studio that crashes meanwhile does not begin it again.
-  store_.update(id, [&](JobRecord& record) {
-    ended = has_ended(record.state);
-    if (ended) return;
-    record.cancelling = runs;
-    if (runs) return;
-    record.state = JobState::kCancelled;
-    record.ended = seconds_now();
-  });
+  try {
+    // On disk, too, so that a studio that crashes meanwhile does not begin it again.
+    store_.update(id, [&](JobRecord& record) {
+      ended = has_ended(record.state);
+      if (ended) return;
+      record.cancelling = runs;
+      if (runs) return;
+      record.state = JobState::kCancelled;
+      record.ended = seconds_now();
+    });
+  } catch (...) {
+    if (place) wait_again(id, place->first, place->second);
+    throw;
+  }
   return !ended;
+}
+
+/// Puts a job back that was taken out of its queue.
+void JobRunner::wait_again(const std::string& id, Lane lane, std::size_t place) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    auto& queue = queues_[lane];
+    queue.insert(queue.begin() + static_cast<std::ptrdiff_t>(std::min(place, queue.size())), id);
+  }
+  changed_.notify_all();
 }
 
 std::optional<JobRunner::Progress> JobRunner::progress(const std::string& id) const {
@@ -139,12 +158,29 @@ void JobRunner::work_through(Lane lane) {
     try {
       run(id);
     } catch (const std::exception& error) {
-      // The disk refused its record; the job stays as it is there, and the next start takes it up.
       log::error("job {}: {}", id, error.what());
-      const std::lock_guard<std::mutex> lock(mutex_);
-      running_.erase(id);
+      give_up(id, error.what());
     }
   }
+}
+
+/// Ends a job whose record the disk refused. While the studio stops it stays on disk as it is, for the next start.
+void JobRunner::give_up(const std::string& id, const std::string& problem) {
+  bool leaves = false;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    leaves = stopping_;
+  }
+  if (!leaves) {
+    store_.update_anyway(id, [&](JobRecord& record) {
+      record.state = JobState::kFailed;
+      record.error = as_utf8(problem);
+      record.cancelling = false;
+      record.ended = seconds_now();
+    });
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  running_.erase(id);
 }
 
 void JobRunner::run(const std::string& id) {
@@ -180,6 +216,10 @@ void JobRunner::run(const std::string& id) {
   } catch (const std::exception& error) {
     outcome.state = JobState::kFailed;
     outcome.error = as_utf8(error.what());
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    running_[id].job = nullptr;  // it does not outlive this function, even when finish() throws
   }
   finish(id, outcome);
 }

@@ -43,7 +43,7 @@ class JobRunner {
   bool accepts() const;
   std::size_t most_queued() const { return most_queued_; }
   /// Cancels a job that waits or runs, which ends at the next safe point. @return false when it has ended, or there is
-  /// none
+  /// none @throws WriteError when the disk refuses: a job that waits goes on waiting
   bool cancel(const std::string& id);
   /// Of a running job.
   std::optional<Progress> progress(const std::string& id) const;
@@ -55,8 +55,8 @@ class JobRunner {
   enum Lane { kImages, kMeshes, kLanes };
 
   struct Running {
-    Job* job = nullptr;      ///< null until its work begins
-    bool cancelled = false;  ///< before that
+    Job* job = nullptr;      ///< null before and after its work
+    bool cancelled = false;  ///< perhaps before its work
     double started = 0.0;    ///< seconds since 1970
     double fraction = 0.0;
     std::vector<std::pair<std::string, double>> stages;  ///< as JobRecord::stages
@@ -69,6 +69,8 @@ class JobRunner {
   void work_through(Lane lane);
   void run(const std::string& id);
   void finish(const std::string& id, const JobRecord& outcome);
+  void give_up(const std::string& id, const std::string& problem);
+  void wait_again(const std::string& id, Lane lane, std::size_t place);
 
   JobStore& store_;
   Work work_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <exception>
 #include <system_error>
 #include <utility>
 
@@ -117,8 +118,11 @@ void remove_leftovers(const fs::path& folder) {
   std::error_code ignored;
   fs::remove_all(folder / kScratchFolder, ignored);
   std::vector<fs::path> unfinished;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored))
-    if (entry.path().filename().string().find(".tmp-") != std::string::npos) unfinished.push_back(entry.path());
+  const std::string mark = ".tmp-", own = mark + process_number();  // such as the record of a job that is cancelled now
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (name.find(mark) != std::string::npos && name.find(own) == std::string::npos) unfinished.push_back(entry.path());
+  }
   for (const fs::path& file : unfinished) fs::remove_all(file, ignored);
 }
 
@@ -287,6 +291,18 @@ std::optional<JobRecord> JobStore::update(const std::string& id, const std::func
   change(changed);
   write(changed);
   return found->second = std::move(changed);
+}
+
+void JobStore::update_anyway(const std::string& id, const std::function<void(JobRecord&)>& change) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = records_.find(id);
+  if (found == records_.end()) return;
+  change(found->second);
+  try {
+    write(found->second);
+  } catch (const std::exception& error) {
+    log::warn("job {}: {}", id, error.what());
+  }
 }
 
 bool JobStore::remove(const std::string& id) {

@@ -80,6 +80,9 @@ class JobStore {
   std::vector<JobRecord> list() const;
   /// Changes a job on disk and in memory. @return the job, or nothing when there is none of this id @throws WriteError
   std::optional<JobRecord> update(const std::string& id, const std::function<void(JobRecord&)>& change);
+  /// Likewise, but in memory alone where the disk refuses the change, which is logged; the next start then finds the
+  /// job as it was.
+  void update_anyway(const std::string& id, const std::function<void(JobRecord&)>& change);
   /// Removes a job that has ended, with its files. @return false when it has not, or there is none
   bool remove(const std::string& id);
 
@@ -100,7 +103,8 @@ class JobStore {
 /// Folder in that of a job, for temporary files of its work.
 inline constexpr const char* kScratchFolder = "scratch";
 
-/// Removes what a process that was killed left in the folder of its job: temporary and unfinished files.
+/// Removes what a process that was killed left in the folder of its job: temporary and unfinished files, but those that
+/// this process is writing.
 void remove_leftovers(const std::filesystem::path& folder);
 
 /// Seconds since 1970.

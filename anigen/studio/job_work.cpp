@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -70,13 +71,25 @@ void add_uploaded_motion(const fs::path& folder, const JobOptions& options, Job&
   animate.motions = {(folder / record.inputs.at("motion")).string()};
   const std::string stem = fs::path(record.names.at("motion")).stem().string();
   for (Animation& clip : engine::animate(asset, animate, &job)) {
-    clip.name = stem;
+    clip.name = stem;  // uploaded_clip() looks for it
     for (int again = 2; has_clip(asset, clip.name); ++again) clip.name = stem + "_" + std::to_string(again);
     asset.animations.push_back(std::move(clip));
   }
 }
 
-Asset animated(const fs::path& folder, JobOptions& options, Job& job, JobRecord& record) {
+/// Place among the clips of a rig of the one that an uploaded motion became; their number: it has none.
+std::size_t uploaded_clip(const JobRecord& record, const Asset& rig) {
+  const std::string stem = fs::path(record.names.at("motion")).stem().string(), numbered = stem + "_";
+  for (std::size_t i = rig.animations.size(); i-- > 0;) {  // it came behind the file's own
+    const std::string& name = rig.animations[i].name;
+    const bool is_numbered =
+        name.rfind(numbered, 0) == 0 && name.find_first_not_of("0123456789", numbered.size()) == std::string::npos;
+    if (name == stem || is_numbered) return i;
+  }
+  return rig.animations.size();
+}
+
+Asset animated(const fs::path& folder, const JobOptions& options, Job& job, JobRecord& record) {
   job.report("reading", 0.0);
   Asset asset = input_asset(folder, record, "file");
   if (asset.skeleton.size() == 0 || asset.skin.rows() == 0)
@@ -84,7 +97,6 @@ Asset animated(const fs::path& folder, JobOptions& options, Job& job, JobRecord&
   if (record.inputs.count("motion") == 0) return asset;
   job.report("motions", 0.0);
   add_uploaded_motion(folder, options, job, record, asset);
-  if (options.all_motions) options.all_motions = false;  // an uploaded motion alone is what was asked for
   return asset;
 }
 
@@ -99,6 +111,25 @@ Json scored(const fs::path& folder, const JobOptions& options, Job& job, const J
 
 std::string as_utf8(const std::string& text) {
   return Json::parse(Json(text).dump(-1, ' ', false, Json::error_handler_t::replace)).get<std::string>();
+}
+
+JobOptions options_of(const JobRecord& record) {
+  JobOptions options = parse_job_options(record.options, record.kind);
+  if (record.inputs.count("motion") > 0) options.all_motions = false;
+  return options;
+}
+
+void add_uploaded_clip(const fs::path& folder, const JobRecord& record, const Asset& rig, Asset& edit) {
+  const std::size_t place = uploaded_clip(record, rig);
+  if (place == rig.animations.size() || has_clip(edit, rig.animations[place].name)) return;
+  const std::string& name = rig.animations[place].name;
+  const std::string clip_word = name.find('#') == std::string::npos ? name : std::to_string(place);
+  engine::AnimateOptions animate = options_of(record).animate;
+  animate.motions = {(folder / kRiggedFile).string() + "#" + clip_word};
+  for (Animation& clip : engine::animate(edit, animate)) {
+    clip.name = name;
+    edit.animations.push_back(std::move(clip));
+  }
 }
 
 std::vector<Animation> clips_of(const Asset& asset, const JobOptions& options, Job* job) {
@@ -128,7 +159,7 @@ std::optional<Asset> JobWork::generated(const fs::path& folder, const JobOptions
 }
 
 void JobWork::run(const fs::path& folder, Job& job, JobRecord& record) {
-  JobOptions options = parse_job_options(record.options, record.kind);
+  const JobOptions options = options_of(record);
   const double started = seconds_now();
   std::optional<Asset> asset;
   if (record.kind == "generation") asset = generated(folder, options, job, record);

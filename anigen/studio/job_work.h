@@ -36,6 +36,13 @@ class JobWork {
   std::unique_ptr<engine::Generator> generator_;
 };
 
+/// Options of a job. Beside an uploaded motion only motions that it names were asked for.
+JobOptions options_of(const JobRecord& record);
+
+/// Adds the clip of an uploaded motion that the job's rig has to an edit of that rig which lacks it. By the rig in
+/// `folder`, since readers of uploads are for the processes of jobs. @throws InputError as engine::animate()
+void add_uploaded_clip(const std::filesystem::path& folder, const JobRecord& record, const Asset& rig, Asset& edit);
+
 /// New clips as the options ask: all motions that the body can do, or those that they name, less those of which the
 /// asset has a clip.
 std::vector<Animation> clips_of(const Asset& asset, const JobOptions& options, Job* job);

@@ -19,6 +19,7 @@
 #include "anigen/engine/animate.h"
 #include "anigen/engine/rig.h"
 #include "anigen/studio/access.h"
+#include "anigen/studio/bounded_server.h"
 #include "anigen/studio/job_options.h"
 
 namespace anigen::studio {
@@ -126,6 +127,34 @@ httplib::ContentProviderWithoutLength events_of(const Api& api, const std::strin
   };
 }
 
+/// The part of a file that its request asks for (RFC 9110), or all of it.
+Reply part_of(Reply file, const httplib::Request& request) {
+  httplib::Ranges ranges;
+  // No answer names its version, so a condition on one (If-Range) cannot hold.
+  if (request.method != "GET" || request.has_header("If-Range") ||
+      !httplib::detail::parse_range_header(request.get_header_value("Range"), ranges) || ranges.size() != 1)
+    return file;
+  const auto size = static_cast<ssize_t>(file.body.size());
+  ssize_t first = ranges.front().first, last = ranges.front().second;
+  if (first < 0) {  // so many bytes at the end
+    first = last < 0 ? 0 : std::max<ssize_t>(0, size - last);
+    last = size - 1;
+  }
+  if (last < 0 || last >= size) last = size - 1;
+  if (first > last) {
+    Reply refused;
+    refused.status = 416;
+    refused.body = Json{{"error", "the file has " + std::to_string(size) + " bytes"}}.dump();
+    refused.headers["Content-Range"] = "bytes */" + std::to_string(size);
+    return refused;
+  }
+  file.status = 206;
+  file.headers["Content-Range"] =
+      "bytes " + std::to_string(first) + "-" + std::to_string(last) + "/" + std::to_string(size);
+  file.body = file.body.substr(static_cast<std::size_t>(first), static_cast<std::size_t>(last - first + 1));
+  return file;
+}
+
 /// "/v1/jobs/{id}/files/{name}" as a regular expression.
 std::string pattern_of(const std::string& path) {
   std::string pattern = path;
@@ -164,7 +193,10 @@ Json gallery_names(const fs::path& gallery) {
 
 class Server::Work {
  public:
-  Work(Api& api, const ServerOptions& options) : options_(options), access_{is_loopback(options.host), options.token} {
+  Work(Api& api, const ServerOptions& options)
+      : options_(options),
+        access_{is_loopback(options.host), options.token},
+        server_(std::chrono::duration<double>(options.head_seconds)) {
     set_limits();
     add_guards();
     add_job_routes(api);
@@ -192,8 +224,6 @@ class Server::Work {
  private:
   void set_limits() {
     server_.new_task_queue = [] { return new httplib::ThreadPool(kConnections); };
-    // One request per connection: an idle browser would else hold a thread.
-    server_.set_keep_alive_max_count(1);
     server_.set_read_timeout(kSeconds);
     server_.set_write_timeout(kSeconds);
     server_.set_payload_max_length(options_.most_bytes);
@@ -250,6 +280,7 @@ class Server::Work {
       set_error(response, status,
                 status == 404   ? "there is no such page"
                 : status == 413 ? "the request is too large"
+                : status == 416 ? "the range is malformed"
                                 : "the request is malformed, or was cut off");
     });
     server_.set_exception_handler([](const httplib::Request&, httplib::Response& response, std::exception_ptr problem) {
@@ -281,7 +312,7 @@ class Server::Work {
     add("DELETE", job, [&api](const auto& request) { return api.end(id_of(request)); });
     add_events(api, job + "/events");
     add("GET", job + "/files/{name}",
-        [&api](const auto& request) { return api.file(id_of(request), request.matches[2]); });
+        [&api](const auto& request) { return part_of(api.file(id_of(request), request.matches[2]), request); });
     add("POST", job + "/rebind", [&api](const auto& request) { return api.rebind(id_of(request), request.body); });
     add("POST", job + "/rename", [&api](const auto& request) { return api.rename(id_of(request), request.body); });
     add("POST", job + "/lint", [&api](const auto& request) { return api.lint(id_of(request)); });
@@ -353,7 +384,7 @@ class Server::Work {
 
   ServerOptions options_;
   Access access_;
-  httplib::Server server_;
+  BoundedServer server_;
   std::vector<std::pair<std::string, std::string>> routes_;
   std::atomic<int> streams_{0};
   int port_ = 0;

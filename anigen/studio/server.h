@@ -15,6 +15,7 @@ struct ServerOptions {
   int port = 0;                                     ///< 0: any that is free
   std::string token;                                ///< that requests must carry (Access); empty: none
   std::size_t most_bytes = std::size_t{128} << 20;  ///< of a request
+  double head_seconds = 30.0;                       ///< that a client may take to send the head of a request
   double job_gigabytes = 0.0, job_minutes = 0.0;    ///< limits of a job, to be told; 0: not known
   std::filesystem::path page;                       ///< folder of index.html; empty: no page
   std::filesystem::path three;      ///< folder of the npm package "three"; empty: the page has no 3D view

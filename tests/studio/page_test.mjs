@@ -103,5 +103,45 @@ assert.equal(settingsOf({kind: 'rig', options: {method: 'curve', joints: 20, sym
   await Promise.all([first, look()]);
   assert.deepEqual([asked, chosen, state.chosen], [2, ['b'], 'b']);
 }
-console.log('edits of joints, command lines and the list of jobs: as they should be');
+
+// A rig whose file is read late, when another one or none is to be shown, stays off the stage.
+{
+  const anything = new Proxy(function () {}, {
+    get: (_, key) => key === Symbol.toPrimitive ? () => 0 : anything,
+    set: () => true,
+    apply: () => anything,
+    construct: () => anything,
+  });
+  const read = {};
+  class GLTFLoader {
+    parseAsync(name) {
+      return new Promise((resolve) => read[name] = () => resolve({scene: {name, traverse() {}, updateMatrixWorld() {}}, animations: []}));
+    }
+  }
+  globalThis.stubs = {THREE: anything, OrbitControls: anything, GLTFLoader};
+  globalThis.ResizeObserver = class { observe() {} };
+  const text = readFileSync(path.join(page, 'viewer.js'), 'utf8').replace(/^import .*;$/gm, '');
+  const {Stage} = await import('data:text/javascript,' + encodeURIComponent('const {THREE, OrbitControls, GLTFLoader} = stubs;' + text));
+  const stage = new Stage({append() {}, clientWidth: 0, clientHeight: 0});
+  const shown = [];
+  const show = (name, options) => stage.show(name, options).then((is) => shown.push([name, is, stage.model?.name]));
+  const first = show('first'), second = show('second');
+  read.second();
+  await second;
+  read.first();
+  await first;
+  const third = show('third');
+  stage.clear();
+  read.third();
+  await third;
+  const fourth = show('fourth');
+  read.fourth();
+  await fourth;
+  const fifth = show('fifth', {still: () => false});
+  read.fifth();
+  await fifth;
+  assert.deepEqual(shown, [['second', true, 'second'], ['first', false, 'second'], ['third', false, undefined],
+                           ['fourth', true, 'fourth'], ['fifth', false, 'fourth']]);
+}
+console.log('edits of joints, command lines, the list of jobs and the stage: as they should be');
 process.exit();  // the page goes on looking for jobs

@@ -94,6 +94,17 @@ TEST_F(StudioProcess, SaysHowAProcessWasLost) {
   EXPECT_TRUE(says(problem(), "status 127")) << problem();
 }
 
+TEST_F(StudioProcess, SaysThatAFolderIsGone) {
+  const fs::path gone = folder_ / "gone";
+  JobProcesses work(options_);
+  try {
+    work.run(gone, job_, record_);
+    FAIL() << "there is no such folder";
+  } catch (const std::exception& error) {
+    EXPECT_TRUE(says(error.what(), gone.string() + ": ")) << error.what();
+  }
+}
+
 TEST_F(StudioProcess, EndsAJobThatPassesALimit) {
   options_.memory_bytes = 1 << 20;
   EXPECT_TRUE(says(problem(), "needed more than 0.0009766 GB of memory")) << problem();

@@ -328,6 +328,35 @@ TEST_F(StudioServer, AddsMotionsToARig) {
   refused({of, {"options", R"({"fps": 0})", "", ""}}, "fps");
 }
 
+TEST_F(StudioServer, KeepsAnUploadedMotionInEdits) {
+  Asset dog = creatures::make_creature("quadruped", 3, 0);
+  dog.animations.clear();
+  const std::string id =
+      made("animation", {{"file", engine::save_bytes(dog), "dog.glb", ""}, {"motion", bvh_text(), "nod.bvh", ""}});
+  const Json done = ended(id);
+  ASSERT_EQ(done.at("state"), "done") << done.dump();
+  EXPECT_EQ(done.at("result").at("clips"), Json::array({"nod"}));
+  const auto edited = [&](const std::string& action, const Json& request) {
+    const httplib::Result result = client().Post("/v1/jobs/" + id + "/" + action, request.dump(), "application/json");
+    EXPECT_EQ(result->status, 200) << result->body;
+    std::vector<std::string> clips;
+    for (const Animation& clip : engine::load_bytes(result->body, "edited.glb").animations) clips.push_back(clip.name);
+    return clips;
+  };
+  const std::vector<std::string> nod{"nod"};
+  EXPECT_EQ(edited("rename", {{"names", "chain"}}), nod);
+  Json joints = Json::array();
+  const std::vector<Eigen::Vector3d> places = dog.skeleton.positions();
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    joints.push_back({{"name", dog.skeleton.names[j]},
+                      {"parent", dog.skeleton.parents[j]},
+                      {"position", {places[j].x(), places[j].z(), -places[j].y()}}});
+  }
+  for (const char* method : {"heat", "nearest"})
+    EXPECT_EQ(edited("rebind", {{"method", method}, {"joints", joints}}), nod) << method;
+  EXPECT_EQ(edited("rename", {{"names", "chain"}}), nod);
+}
+
 TEST_F(StudioServer, SendsTheEventsOfAJob) {
   const std::string id = accepted(dog_glb(), "dog.glb", kCurve);
   std::string text;

@@ -10,6 +10,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/process.h"
 #include "anigen/studio/job_runner.h"
 #include "anigen/studio/job_store.h"
 #include "anigen/studio/time_left.h"
@@ -99,6 +100,18 @@ TEST_F(StudioStore, SettlesWhatAKilledStudioLeft) {
   EXPECT_FALSE(fs::exists(store.folder(again)));
 }
 
+TEST_F(StudioStore, LeavesFilesThatThisProcessWrites) {
+  const fs::path folder = folder_ / "job";
+  const std::string own = "job.tmp-" + process_number() + "-7.json";
+  write_file_atomically(folder / own, "half a record");
+  write_file_atomically(folder / "rigged.tmp-1-1.glb", "of a process that was killed");
+  remove_leftovers(folder);
+  EXPECT_TRUE(fs::exists(folder / own));
+  EXPECT_FALSE(fs::exists(folder / "rigged.tmp-1-1.glb"));
+  const AtomicFile written(folder / "job.json");
+  EXPECT_NE(written.temporary().filename().string().find(".tmp-" + process_number() + "-"), std::string::npos);
+}
+
 TEST_F(StudioStore, AdoptsAJobThatAnotherStoreHasDone) {
   const test::TemporaryFolder other;
   fs::path from;
@@ -170,6 +183,54 @@ TEST_F(StudioStore, RunnerCancelsOneJobAndBoundsItsQueue) {
   EXPECT_TRUE(reaches(store, running, JobState::kCancelled));
   EXPECT_FALSE(runner.cancel(running)) << "it has ended";
   EXPECT_TRUE(runner.submit(mesh_job("d.obj"), obj("x")));
+}
+
+/// From now on the disk refuses the record of a job: its name is taken by a folder.
+void refuse_record(const fs::path& job) {
+  fs::remove(job / "job.json");
+  fs::create_directory(job / "job.json");
+}
+
+TEST_F(StudioStore, RunnerEndsAJobWhoseRecordTheDiskRefuses) {
+  JobStore store(folder_.path());
+  const std::string never_begun = store.create(mesh_job("a.obj"), obj("x")).id;
+  refuse_record(store.folder(never_begun));
+  std::atomic<int> works{0};
+  JobRunner runner(store, [&](const fs::path& place, Job&, JobRecord&) {
+    ++works;
+    refuse_record(place);
+  });
+  const std::string done = runner.submit(mesh_job("b.obj"), obj("x"))->id;
+  for (const std::string& id : {never_begun, done}) {
+    EXPECT_TRUE(reaches(store, id, JobState::kFailed));
+    EXPECT_NE(store.find(id)->error.find("job.json"), std::string::npos) << store.find(id)->error;
+    EXPECT_GT(store.find(id)->ended, 0.0);
+    EXPECT_TRUE(soon([&] { return !runner.progress(id); })) << "it runs no more";
+    EXPECT_TRUE(store.remove(id));
+  }
+  EXPECT_EQ(works, 1);
+}
+
+TEST_F(StudioStore, RunnerKeepsAJobWaitingThatItCannotCancel) {
+  JobStore store(folder_.path());
+  std::atomic<bool> goes_on{false};
+  JobRunner runner(store, [&](const fs::path&, Job& job, JobRecord&) {
+    while (!goes_on && !job.cancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  });
+  const std::string running = runner.submit(mesh_job("a.obj"), obj("x"))->id;
+  EXPECT_TRUE(reaches(store, running, JobState::kRunning));
+  const std::string first = runner.submit(mesh_job("b.obj"), obj("x"))->id;
+  const std::string second = runner.submit(mesh_job("c.obj"), obj("x"))->id;
+  for (const std::string& id : {first, second}) {
+    refuse_record(store.folder(id));
+    EXPECT_THROW(runner.cancel(id), Error);
+    EXPECT_EQ(store.find(id)->state, JobState::kQueued);
+    fs::remove(store.folder(id) / "job.json");
+  }
+  EXPECT_TRUE(runner.cancel(second));
+  EXPECT_EQ(store.find(second)->state, JobState::kCancelled);
+  goes_on = true;
+  EXPECT_TRUE(reaches(store, first, JobState::kDone)) << "it still waits";
 }
 
 TEST_F(StudioStore, StoppedRunnerLeavesItsJobForTheNextStart) {

@@ -30,7 +30,8 @@ async function showSideBySide(jobs, base) {
   for (const [i, job] of jobs.entries()) {
     const other = new Stage(places[i]);
     stages.push(other);
-    await other.show(await (await ask(fileOf(job, latestOf(job) + '.glb'))).arrayBuffer());
+    const bytes = await (await ask(fileOf(job, latestOf(job) + '.glb'))).arrayBuffer();
+    if (stages[i] !== other || !await other.show(bytes)) return;  // the comparison was closed
     other.showBones($('show_bones').checked);
     other.play(clipName());
     other.clock = () => state.stage.playing ? (performance.now() - began) / 1000 : other.time;

@@ -22,7 +22,7 @@ async function draft() {
     const answer = await post(`/v1/jobs/${state.chosen}/rebind`, wish({draft: true}));
     const bytes = await answer.arrayBuffer();
     if (mine !== turn || !editor().active) return;
-    await state.stage.show(bytes, {keepView: true});
+    if (!await state.stage.show(bytes, {keepView: true, still: () => editor().active})) return;
     editor().rebound();
     $('bound').textContent = `weights follow: ${answer.headers.get('x-bind-milliseconds')} ms`;
     document.body.dataset.drafts = Number(document.body.dataset.drafts ?? 0) + 1;
@@ -46,7 +46,7 @@ const rebind = guarded(async () => {
       const bytes = await answer.arrayBuffer();
       if (of !== state.chosen || !editor().active) return;
       const all = Math.round(performance.now() - started);
-      await showEdited(of, bytes);
+      if (!await showEdited(of, bytes)) return;
       $('bound').textContent = `bound in ${answer.headers.get('x-bind-milliseconds')} ms, ${all} ms with motions and transfer`;
     } while (again);
   } catch (problem) {
@@ -57,15 +57,17 @@ const rebind = guarded(async () => {
   }
 });
 
-// Puts an edited rig of the same joints on the stage.
+// Puts an edited rig of the same joints on the stage. Gives false when the stage has gone on to something else.
 async function showEdited(of, bytes) {
-  chosenJob().edited = true;
+  const job = chosenJob();
+  job.edited = true;
   state.shown = `${of}/edited`;
-  await state.stage.show(bytes, {keepView: true});
-  editor().rebound();
+  if (!await state.stage.show(bytes, {keepView: true})) return false;
+  if (editor().active) editor().rebound();
   showClips();
   document.body.dataset.shown = state.shown;
-  keep(chosenJob());
+  keep(job);
+  return true;
 }
 
 const follow = () => $('follow').checked ? rebind() : undefined;
@@ -77,7 +79,7 @@ const renameAll = guarded(async () => {
   const bytes = await (await post(`/v1/jobs/${of}/rename`, {names: $('preset').value})).arrayBuffer();
   if (of !== state.chosen || !editor().active) return;
   const before = editor().joints;
-  await showEdited(of, bytes);
+  if (!await showEdited(of, bytes) || !editor().active) return;
   const after = state.stage.joints();
   const far = (a, b) => Math.hypot(...a.map((v, i) => v - b[i]));
   const names = before.map(({position}) => after.reduce((best, joint) => far(joint.position, position) < far(best.position, position) ? joint : best).name);

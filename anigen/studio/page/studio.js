@@ -133,7 +133,7 @@ async function showChosen() {
   await ready3d();
   const bytes = await (await ask(fileOf(job, latestOf(job) + '.glb'))).arrayBuffer();
   if (state.shown !== file) return;
-  await state.stage.show(bytes);
+  if (!await state.stage.show(bytes)) return;
   showClips({another: true});
   if (state.tab !== 'view') await openTab(state.tab);
   document.body.dataset.shown = file;

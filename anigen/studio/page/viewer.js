@@ -67,6 +67,7 @@ export class Stage {
     this.playing = true;
     this.bonesShown = true;
     this.time = 0;
+    this.turn = 0;  // of show() and clear(): a file that is read late is not shown
     this.last = performance.now();
     this.sizes = new ResizeObserver(() => this.resize());
     this.sizes.observe(element);
@@ -83,10 +84,12 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
-  // Shows a GLB. The camera stays where it is for another rig of what was there.
-  async show(buffer, {keepView = false} = {}) {
-    const gltf = await new GLTFLoader().parseAsync(buffer, '');
-    this.clear();
+  // Shows a GLB. The camera stays where it is for another rig of what was there. Gives false, and shows nothing, when
+  // another one or none was to be shown while the file was read. still(): it is wanted then
+  async show(buffer, {keepView = false, still = () => true} = {}) {
+    const mine = ++this.turn, gltf = await new GLTFLoader().parseAsync(buffer, '');
+    if (mine !== this.turn || !still()) return false;
+    this.leave();
     this.model = gltf.scene;
     this.clips = gltf.animations;
     this.scene.add(this.model);
@@ -105,9 +108,16 @@ export class Stage {
     this.restTurns = this.bones.map(({position, quaternion, scale}) => [position.clone(), quaternion.clone(), scale.clone()]);
     if (!keepView) this.fit();
     this.lines.put(this.rest);
+    return true;
   }
 
   clear() {
+    ++this.turn;
+    this.leave();
+  }
+
+  // Takes what is shown from the stage.
+  leave() {
     if (!this.model) return;
     this.mixer.stopAllAction();
     this.scene.remove(this.model, this.lines.group);
