@@ -4,8 +4,10 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
+#include <cmath>
 #include <cstring>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -14,16 +16,21 @@
 #include <vector>
 
 #include "anigen/anigen.h"
+#include "python/calls.h"
 
 namespace py = pybind11;
 using namespace anigen;
+using anigen::python::ProgressFunction;
+using anigen::python::unlocked;
+using anigen::python::WatchedCall;
 
 namespace {
 
 using AssetPtr = std::shared_ptr<Asset>;
 using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
 using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Integers = py::array_t<std::int32_t, py::array::c_style | py::array::forcecast>;
+using Integers = py::array_t<std::int32_t, py::array::c_style>;
+using WideIntegers = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 
 static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float), "vertices are packed");
 static_assert(sizeof(Triangle) == 3 * sizeof(std::int32_t), "faces are packed");
@@ -35,25 +42,89 @@ py::array view_of(const std::vector<Row>& rows, std::size_t columns, const py::o
 }
 
 /// @throws InputError unless the array is [any, columns]
-void require_columns(const py::array& array, py::ssize_t columns, const char* name) {
+void require_columns(const py::array& array, py::ssize_t columns, const std::string& name) {
   if (array.ndim() == 2 && array.shape(1) == columns) return;
   std::string shape;
   for (py::ssize_t i = 0; i < array.ndim(); ++i) shape += (i > 0 ? ", " : "") + std::to_string(array.shape(i));
   throw InputError("", name, "has shape (" + shape + "), expected (any, " + std::to_string(columns) + ")");
 }
 
-JointTree tree_of(const Doubles& joints, const std::vector<int>& parents) {
-  require_columns(joints, 3, "joints");
+/// An array of what the caller gave. An empty one may have any type: numpy gives [] one of its own.
+/// @param kinds letters of numpy's kinds of types
+/// @throws InputError for another kind: a conversion drops imaginary parts and fractions without a word
+py::array array_in(const py::object& given, const char* kinds, const char* expected, const std::string& name) {
+  py::array array(given);
+  if (array.size() > 0 && std::strchr(kinds, array.dtype().kind()) == nullptr)
+    throw InputError("", name,
+                     "has elements of type " + std::string(py::str(array.dtype())) + ", expected " + expected);
+  return array;
+}
+
+template <typename Reals>
+Reals reals_in(const py::object& given, const std::string& name) {
+  return Reals(array_in(given, "fiub", "real numbers", name));
+}
+
+/// @throws InputError naming the first row with a number that int32 does not hold
+Integers integers_in(const py::object& given, const std::string& name) {
+  const py::array array = array_in(given, "iu", "integers", name);
+  const bool natural = array.dtype().kind() == 'u';
+  const WideIntegers wide(array);
+  Integers narrow(std::vector<py::ssize_t>(array.shape(), array.shape() + array.ndim()));
+  std::int32_t* const result = narrow.mutable_data();
+  for (py::ssize_t i = 0; i < wide.size(); ++i) {
+    const std::int64_t value = wide.data()[i];
+    // Numbers of uint64 from 2^63 on are negative as int64.
+    const bool wrapped = natural && value < 0;
+    if (wrapped || value < std::numeric_limits<std::int32_t>::min() ||
+        value > std::numeric_limits<std::int32_t>::max()) {
+      const py::ssize_t row = array.ndim() > 0 ? i / (array.size() / array.shape(0)) : 0;
+      const std::string text = wrapped ? std::to_string(static_cast<std::uint64_t>(value)) : std::to_string(value);
+      throw InputError("", name, "row " + std::to_string(row) + " has " + text + ", which int32 does not hold");
+    }
+    result[i] = static_cast<std::int32_t>(value);
+  }
+  return narrow;
+}
+
+std::vector<int> parents_in(const py::object& given, const std::string& name) {
+  const Integers parents = integers_in(given, name);
+  if (parents.ndim() != 1)
+    throw InputError("", name, "has " + std::to_string(parents.ndim()) + " dimensions, expected 1");
+  return {parents.data(), parents.data() + parents.size()};
+}
+
+/// @param which the end of the arguments' names, such as "_a"
+JointTree tree_in(const py::object& given_joints, const py::object& parents, const std::string& which = "") {
+  const auto joints = reals_in<Doubles>(given_joints, "joints" + which);
+  require_columns(joints, 3, "joints" + which);
   JointTree tree;
-  tree.parents = parents;
+  tree.parents = parents_in(parents, "parents" + which);
   for (py::ssize_t j = 0; j < joints.shape(0); ++j)
     tree.positions.emplace_back(joints.at(j, 0), joints.at(j, 1), joints.at(j, 2));
   return tree;
 }
 
-AssetPtr from_arrays(const Floats& vertices, const Integers& faces, const std::optional<Doubles>& joints,
-                     const std::vector<int>& parents, const std::optional<Floats>& skin,
+/// Rows without a weight pass, as files have them: such vertices follow the root.
+/// @throws InputError naming the first row with a weight below 0 or not finite
+void require_weights(const Floats& skin) {
+  const auto weights = skin.unchecked<2>();
+  for (py::ssize_t v = 0; v < weights.shape(0); ++v) {
+    for (py::ssize_t j = 0; j < weights.shape(1); ++j) {
+      const float weight = weights(v, j);
+      if (!std::isfinite(weight) || weight < 0.0F)
+        throw InputError("", "skin", "row " + std::to_string(v) + " has a weight that is below 0 or not finite");
+    }
+  }
+}
+
+AssetPtr from_arrays(const py::object& given_vertices, const py::object& given_faces, const py::object& given_joints,
+                     const py::object& given_parents, const py::object& given_skin,
                      const std::vector<std::string>& names) {
+  const auto vertices = reals_in<Floats>(given_vertices, "vertices");
+  const Integers faces = integers_in(given_faces, "faces");
+  const std::vector<int> parents = parents_in(given_parents, "parents");
+  const bool has_joints = !given_joints.is_none(), has_skin = !given_skin.is_none();
   require_columns(vertices, 3, "vertices");
   require_columns(faces, 3, "faces");
   auto asset = std::make_shared<Asset>();
@@ -62,21 +133,23 @@ AssetPtr from_arrays(const Floats& vertices, const Integers& faces, const std::o
     std::memcpy(asset->mesh.vertices.data()->data(), vertices.data(), static_cast<std::size_t>(vertices.nbytes()));
   asset->mesh.faces.resize(static_cast<std::size_t>(faces.shape(0)));
   if (faces.size() > 0) std::memcpy(asset->mesh.faces.data(), faces.data(), static_cast<std::size_t>(faces.nbytes()));
-  if (joints) {
-    const JointTree tree = tree_of(*joints, parents);
+  if (has_joints) {
+    const JointTree tree = tree_in(given_joints, given_parents);
     check(tree, "joints");
     asset->skeleton = skeleton_from_joints(tree.positions, parents, names);
   }
-  if (skin) {
-    require_columns(*skin, static_cast<py::ssize_t>(parents.size()), "skin");
-    if (skin->shape(0) != vertices.shape(0))
+  if (has_skin) {
+    const auto skin = reals_in<Floats>(given_skin, "skin");
+    require_columns(skin, static_cast<py::ssize_t>(parents.size()), "skin");
+    if (skin.shape(0) != vertices.shape(0))
       throw InputError(
           "", "skin",
-          "has " + std::to_string(skin->shape(0)) + " rows for " + std::to_string(vertices.shape(0)) + " vertices");
-    asset->skin = from_dense({skin->data(), skin->data() + skin->size()}, static_cast<std::size_t>(skin->shape(0)),
-                             parents.size());
+          "has " + std::to_string(skin.shape(0)) + " rows for " + std::to_string(vertices.shape(0)) + " vertices");
+    require_weights(skin);
+    asset->skin =
+        from_dense({skin.data(), skin.data() + skin.size()}, static_cast<std::size_t>(skin.shape(0)), parents.size());
   }
-  const std::vector<std::string> findings = validate(*asset, 1, joints && skin);
+  const std::vector<std::string> findings = validate(*asset, 1, has_joints && has_skin);
   if (!findings.empty()) throw InputError("", "arrays", findings.front());
   return asset;
 }
@@ -94,25 +167,6 @@ py::array_t<float> skin_of(const Asset& asset) {
   py::array_t<float> skin({asset.skin.rows(), asset.skeleton.size()});
   if (!dense.empty()) std::memcpy(skin.mutable_data(), dense.data(), dense.size() * sizeof dense[0]);
   return skin;
-}
-
-/// A job that tells a Python function of its progress. False or an exception from it cancels the job.
-std::unique_ptr<Job> job_of(const py::object& progress) {
-  if (progress.is_none()) return nullptr;
-  // Heard from any thread, without the interpreter's lock; destroyed with it.
-  const auto function = std::make_shared<py::object>(progress);
-  return std::make_unique<Job>([function](const std::string& stage, double fraction) {
-    const py::gil_scoped_acquire lock;
-    const py::object goes_on = (*function)(stage, fraction);
-    if (goes_on.is(py::bool_(false))) throw std::runtime_error("no longer wanted");
-  });
-}
-
-/// Calls work without the interpreter's lock.
-template <typename Call>
-auto unlocked(Call&& work) {
-  const py::gil_scoped_release release;
-  return work();
 }
 
 py::array_t<std::uint8_t> array_of(const engine::Picture& picture) {
@@ -207,13 +261,13 @@ void add_files(py::module_& m) {
   m.def(
       "save",
       [](const AssetPtr& asset, const std::filesystem::path& file) { unlocked([&] { engine::save(*asset, file); }); },
-      py::arg("asset"), py::arg("file"));
+      py::arg("asset").none(false), py::arg("file"));
   m.def(
       "save_bytes",
       [](const AssetPtr& asset, const std::string& format) {
         return py::bytes(unlocked([&] { return engine::save_bytes(*asset, format); }));
       },
-      py::arg("asset"), py::arg("format") = "glb");
+      py::arg("asset").none(false), py::arg("format") = "glb");
   m.def("from_arrays", &from_arrays, py::arg("vertices"), py::arg("faces"), py::arg("joints") = py::none(),
         py::arg("parents") = std::vector<int>(), py::arg("skin") = py::none(),
         py::arg("names") = std::vector<std::string>());
@@ -227,7 +281,7 @@ void add_rigging(py::module_& m) {
       [](const AssetPtr& asset, const std::string& method, const std::string& skin,
          const std::vector<std::string>& templates, bool keep_skeleton, bool learned_joints, std::size_t joints,
          bool symmetric, std::size_t influences, const std::string& names, double height, bool ground,
-         const py::object& progress) {
+         const ProgressFunction& progress) {
         engine::RigOptions options;
         options.method = method;
         options.skin = skin;
@@ -240,11 +294,11 @@ void add_rigging(py::module_& m) {
         options.names = names;
         options.height = height;
         options.ground = ground;
-        const auto job = job_of(progress);
-        engine::Rigged rigged = unlocked([&] { return engine::rig(*asset, options, job.get()); });
+        WatchedCall call(progress);
+        engine::Rigged rigged = call.run([&](Job* job) { return engine::rig(*asset, options, job); });
         return std::make_pair(std::make_shared<Asset>(std::move(rigged.asset)), rigged.note);
       },
-      py::arg("asset"), py::kw_only(), py::arg("method") = usual.method, py::arg("skin") = usual.skin,
+      py::arg("asset").none(false), py::kw_only(), py::arg("method") = usual.method, py::arg("skin") = usual.skin,
       py::arg("templates") = usual.templates, py::arg("keep_skeleton") = usual.keep_skeleton,
       py::arg("learned_joints") = usual.learned_joints, py::arg("joints") = usual.joints,
       py::arg("symmetric") = usual.symmetric, py::arg("influences") = usual.influences, py::arg("names") = usual.names,
@@ -253,23 +307,24 @@ void add_rigging(py::module_& m) {
   m.def(
       "animate",
       [](const AssetPtr& asset, const std::vector<std::string>& motions, double fps, double speed, bool travel,
-         const py::object& progress) {
+         const ProgressFunction& progress) {
         engine::AnimateOptions options;
         options.motions = motions;
         options.fps = fps;
         options.speed = speed;
         options.travel = travel;
-        const auto job = job_of(progress);
-        std::vector<Animation> clips = unlocked([&] { return engine::animate(*asset, options, job.get()); });
+        WatchedCall call(progress);
+        std::vector<Animation> clips = call.run([&](Job* job) { return engine::animate(*asset, options, job); });
         auto animated = std::make_shared<Asset>(*asset);
         animated->animations.insert(animated->animations.end(), clips.begin(), clips.end());
         return animated;
       },
-      py::arg("asset"), py::arg("motions") = usual_clips.motions, py::kw_only(), py::arg("fps") = usual_clips.fps,
-      py::arg("speed") = usual_clips.speed, py::arg("travel") = usual_clips.travel, py::arg("progress") = py::none());
+      py::arg("asset").none(false), py::arg("motions") = usual_clips.motions, py::kw_only(),
+      py::arg("fps") = usual_clips.fps, py::arg("speed") = usual_clips.speed, py::arg("travel") = usual_clips.travel,
+      py::arg("progress") = py::none());
   m.def("motion_words", &engine::motion_words);
   m.def(
-      "motions_of", [](const AssetPtr& asset) { return engine::motions_of(*asset); }, py::arg("asset"));
+      "motions_of", [](const AssetPtr& asset) { return engine::motions_of(*asset); }, py::arg("asset").none(false));
 }
 
 void add_measures(py::module_& m) {
@@ -278,26 +333,26 @@ void add_measures(py::module_& m) {
       "evaluate",
       [](const AssetPtr& predicted, const AssetPtr& truth, const std::vector<std::string>& metrics,
          const std::string& protocol, const std::string& normalization, bool registration, std::size_t samples,
-         const py::object& progress) {
+         const ProgressFunction& progress) {
         engine::EvaluateOptions options;
         options.groups = metrics;
         options.protocol = protocol;
         options.normalization = normalization;
         options.registration = registration;
         options.surface_samples = samples;
-        const auto job = job_of(progress);
-        return scores_of(unlocked([&] { return engine::evaluate(*predicted, *truth, options, job.get()); }));
+        WatchedCall call(progress);
+        return scores_of(call.run([&](Job* job) { return engine::evaluate(*predicted, *truth, options, job); }));
       },
-      py::arg("predicted"), py::arg("truth"), py::kw_only(), py::arg("metrics") = usual.groups,
+      py::arg("predicted").none(false), py::arg("truth").none(false), py::kw_only(), py::arg("metrics") = usual.groups,
       py::arg("protocol") = usual.protocol, py::arg("normalization") = usual.normalization,
       py::arg("registration") = usual.registration, py::arg("surface_samples") = usual.surface_samples,
       py::arg("progress") = py::none());
   const auto add_distance = [&m](const char* name, double (*distance)(const JointTree&, const JointTree&)) {
     m.def(
         name,
-        [distance](const Doubles& joints_a, const std::vector<int>& parents_a, const Doubles& joints_b,
-                   const std::vector<int>& parents_b) {
-          const JointTree a = tree_of(joints_a, parents_a), b = tree_of(joints_b, parents_b);
+        [distance](const py::object& joints_a, const py::object& parents_a, const py::object& joints_b,
+                   const py::object& parents_b) {
+          const JointTree a = tree_in(joints_a, parents_a, "_a"), b = tree_in(joints_b, parents_b, "_b");
           return unlocked([&] { return distance(a, b); });
         },
         py::arg("joints_a"), py::arg("parents_a"), py::arg("joints_b"), py::arg("parents_b"));
@@ -306,9 +361,10 @@ void add_measures(py::module_& m) {
   add_distance("wasserstein", &engine::wasserstein);
   m.def(
       "chamfer",
-      [](const Doubles& joints_a, const std::vector<int>& parents_a, const Doubles& joints_b,
-         const std::vector<int>& parents_b) {
-        const engine::Chamfer found = engine::chamfer(tree_of(joints_a, parents_a), tree_of(joints_b, parents_b));
+      [](const py::object& joints_a, const py::object& parents_a, const py::object& joints_b,
+         const py::object& parents_b) {
+        const engine::Chamfer found =
+            engine::chamfer(tree_in(joints_a, parents_a, "_a"), tree_in(joints_b, parents_b, "_b"));
         py::dict result;
         result["j2j"] = found.j2j;
         result["j2b"] = found.j2b;
@@ -331,7 +387,7 @@ void add_measures(py::module_& m) {
         }
         return findings;
       },
-      py::arg("asset"));
+      py::arg("asset").none(false));
   m.def(
       "render",
       [](const AssetPtr& asset, int width, int height, const std::string& mode, bool skeleton, bool transparent,
@@ -348,9 +404,10 @@ void add_measures(py::module_& m) {
         options.time = time;
         return array_of(unlocked([&] { return engine::render(*asset, options); }));
       },
-      py::arg("asset"), py::kw_only(), py::arg("width") = 512, py::arg("height") = 512, py::arg("mode") = "color",
-      py::arg("skeleton") = false, py::arg("transparent") = false, py::arg("yaw") = engine::RenderOptions().yaw,
-      py::arg("pitch") = engine::RenderOptions().pitch, py::arg("clip") = -1, py::arg("time") = 0.0);
+      py::arg("asset").none(false), py::kw_only(), py::arg("width") = 512, py::arg("height") = 512,
+      py::arg("mode") = "color", py::arg("skeleton") = false, py::arg("transparent") = false,
+      py::arg("yaw") = engine::RenderOptions().yaw, py::arg("pitch") = engine::RenderOptions().pitch,
+      py::arg("clip") = -1, py::arg("time") = 0.0);
 }
 
 py::array_t<std::int32_t> array_of(const std::vector<engine::VoxelIndex>& voxels) {
@@ -360,12 +417,13 @@ py::array_t<std::int32_t> array_of(const std::vector<engine::VoxelIndex>& voxels
   return array;
 }
 
-py::dict prepare_asset(const AssetPtr& asset, const std::string& cleaning, int resolution, const py::object& progress) {
+py::dict prepare_asset(const AssetPtr& asset, const std::string& cleaning, int resolution,
+                       const ProgressFunction& progress) {
   engine::PrepareOptions options;
   options.cleaning = cleaning;
   options.resolution = resolution;
-  const auto job = job_of(progress);
-  engine::PreparedAsset prepared = unlocked([&] { return engine::prepare(*asset, options, job.get()); });
+  WatchedCall call(progress);
+  engine::PreparedAsset prepared = call.run([&](Job* job) { return engine::prepare(*asset, options, job); });
   py::dict result;
   result["scale"] = prepared.scale;
   result["offset"] = py::array_t<double>(3, prepared.offset.data());
@@ -380,10 +438,10 @@ py::dict prepare_asset(const AssetPtr& asset, const std::string& cleaning, int r
 using Paths = std::vector<std::filesystem::path>;
 
 py::dict prepare_dataset(const std::variant<std::filesystem::path, Paths>& inputs, const std::filesystem::path& output,
-                         const engine::PrepareOptions& options, const py::object& progress) {
-  const auto job = job_of(progress);
+                         const engine::PrepareOptions& options, const ProgressFunction& progress) {
+  WatchedCall call(progress);
   const Paths all = inputs.index() == 0 ? Paths{std::get<0>(inputs)} : std::get<1>(inputs);
-  const engine::PreparedDataset made = unlocked([&] { return engine::prepare(all, output, options, job.get()); });
+  const engine::PreparedDataset made = call.run([&](Job* job) { return engine::prepare(all, output, options, job); });
   py::dict result;
   result["assets"] = made.assets;
   result["variants"] = made.variants;
@@ -407,7 +465,7 @@ py::dict prepare_dataset(const std::variant<std::filesystem::path, Paths>& input
 
 void add_preparation(py::module_& m) {
   const engine::PrepareOptions usual;
-  m.def("prepare", &prepare_asset, py::arg("asset"), py::kw_only(), py::arg("cleaning") = usual.cleaning,
+  m.def("prepare", &prepare_asset, py::arg("asset").none(false), py::kw_only(), py::arg("cleaning") = usual.cleaning,
         py::arg("resolution") = usual.resolution, py::arg("progress") = py::none());
   m.def(
       "prepare",
@@ -415,7 +473,7 @@ void add_preparation(py::module_& m) {
          std::size_t creatures, std::size_t poses, const std::string& cleaning, bool keep_assets, int resolution,
          std::size_t views, int view_size, std::size_t condition_views, int condition_view_size, bool front_cameras,
          bool view_geometry, const std::string& features, const std::optional<std::filesystem::path>& feature_weights,
-         std::optional<double> test_fraction, std::uint64_t seed, const py::object& progress) {
+         std::optional<double> test_fraction, std::uint64_t seed, const ProgressFunction& progress) {
         engine::PrepareOptions options;
         options.creatures = creatures;
         options.poses = poses;
@@ -464,7 +522,7 @@ std::shared_ptr<engine::Generated> generate(engine::Generator& generator, const 
                                             int joints, std::optional<int> ss_steps, std::optional<int> slat_steps,
                                             const py::object& mask, const std::string& stop_at,
                                             const py::object& voxels, const py::object& pictures,
-                                            const py::object& progress) {
+                                            const ProgressFunction& progress) {
   engine::GenerateOptions options;
   options.seed = seed;
   options.joints = joints;
@@ -474,13 +532,12 @@ std::shared_ptr<engine::Generated> generate(engine::Generator& generator, const 
   options.stop_at = stop_at;
   options.voxels = contents_of(voxels);
   options.pictures = pictures_for(pictures);
-  const auto job = job_of(progress);
+  WatchedCall call(progress);
   const bool in_memory = py::isinstance<py::bytes>(image);
   const std::string bytes = in_memory ? image.cast<std::string>() : "";
   const auto file = in_memory ? std::filesystem::path() : image.cast<std::filesystem::path>();
-  return std::make_shared<engine::Generated>(unlocked([&] {
-    return in_memory ? generator.generate_bytes(bytes, options, job.get())
-                     : generator.generate(file, options, job.get());
+  return std::make_shared<engine::Generated>(call.run([&](Job* job) {
+    return in_memory ? generator.generate_bytes(bytes, options, job) : generator.generate(file, options, job);
   }));
 }
 

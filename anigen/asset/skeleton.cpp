@@ -84,6 +84,10 @@ Pose local_pose(const std::vector<int>& parents, const std::vector<Eigen::Matrix
 
 Skeleton skeleton_from_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents,
                               const std::vector<std::string>& names) {
+  if (!names.empty() && names.size() != positions.size())
+    throw InputError("", "names",
+                     "has " + std::to_string(names.size()) + " for " + std::to_string(positions.size()) +
+                         " joints, expected one for each or none");
   Skeleton skeleton;
   skeleton.parents = parents;
   for (std::size_t j = 0; j < positions.size(); ++j) {

@@ -42,7 +42,7 @@ std::vector<Eigen::Matrix4d> forward_kinematics(const std::vector<int>& parents,
 Pose local_pose(const std::vector<int>& parents, const std::vector<Eigen::Matrix4d>& world);
 inline Pose bind_pose(const Skeleton& skeleton) { return local_pose(skeleton.parents, skeleton.bind); }
 
-/// A skeleton without orientation: identity rotations at the given joint positions, rest = bind.
+/// Identity rotations at the given joint positions, rest = bind. @throws InputError unless names are none or one each
 Skeleton skeleton_from_joints(const std::vector<Eigen::Vector3d>& positions, const std::vector<int>& parents,
                               const std::vector<std::string>& names = {});
 

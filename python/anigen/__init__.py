@@ -5,8 +5,9 @@
     anigen.save(anigen.animate(fox, ["walk"]), "fox.glb")
     anigen.evaluate(anigen.load("theirs.glb"), anigen.load("truth.glb"))["j2j"]
 
-Long calls take `progress=function(stage, fraction)`; it cancels the call by returning False. Errors are `InputError`
-(a ValueError that names file and place), `Error` and `Interrupted`.
+Long calls take `progress=function(stage, fraction)`; it cancels the call by returning False, which raises
+`Interrupted`, or by an exception, which reaches the caller. Errors are `InputError` (a ValueError that names file and
+place), `Error` and `Interrupted`.
 """
 
 import os

@@ -14,7 +14,8 @@ class InputError(ValueError):
     """Something that the caller gave is wrong; names file and place."""
 
 class Interrupted(RuntimeError):
-    """The call was cancelled by its progress function."""
+    """The call was cancelled by its progress function, which returned False. What that raises reaches the caller as it
+    is."""
 
 class Asset:
     """A rigged asset in memory: mesh, skeleton, skin weights, clips. Right-handed, Z up."""
@@ -56,7 +57,8 @@ def save_bytes(asset: Asset, format: str = "glb") -> bytes:
 def from_arrays(vertices: ArrayLike, faces: ArrayLike, joints: Optional[ArrayLike] = None,
                 parents: Sequence[int] = (), skin: Optional[ArrayLike] = None, names: Sequence[str] = ()) -> Asset:
     """An asset of vertices [V, 3], faces [F, 3], joints [J, 3], parents [J] (-1 for the root, parents first) and
-    weights [V, J]. Arrays are copied."""
+    weights [V, J], none below 0; rows without any follow the root. names: one per joint, or none. Arrays are copied;
+    faces and parents are integers."""
 
 def rig(asset: Asset, *, method: str = "auto", skin: str = "", templates: Sequence[str] = (),
         keep_skeleton: bool = True, learned_joints: bool = True, joints: int = 0, symmetric: bool = False,

@@ -59,6 +59,21 @@ TEST(BindPose, ReproducesTheBindMatrices) {
   EXPECT_EQ(skeleton.positions()[1], Eigen::Vector3d(1, 2, 3));
 }
 
+TEST(SkeletonFromJoints, HasANamePerJoint) {
+  const std::vector<Eigen::Vector3d> places = {{0, 0, 0}, {1, 2, 3}, {2, 2, 2}};
+  EXPECT_EQ(skeleton_from_joints(places, {-1, 0, 1}).names[2], "joint_2");
+  EXPECT_EQ(skeleton_from_joints(places, {-1, 0, 1}, {"a", "b", "c"}).names[2], "c");
+  for (const std::size_t count : {1, 2, 4}) {
+    try {
+      skeleton_from_joints(places, {-1, 0, 1}, std::vector<std::string>(count, "a"));
+      ADD_FAILURE() << count << " names";
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.place(), "names");
+      EXPECT_NE(error.problem().find(std::to_string(count) + " for 3 joints"), std::string::npos) << error.what();
+    }
+  }
+}
+
 }  // namespace
 
 namespace {

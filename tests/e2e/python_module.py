@@ -78,6 +78,59 @@ def check_arrays():
     nan = vertices.copy()
     nan[3] = np.nan
     raises(anigen.InputError, "finite", lambda: anigen.from_arrays(nan, faces))
+    for names in (["a"], ["a", "b", "c", "d"]):
+        raises(anigen.InputError, f"names: has {len(names)} for 3 joints",
+               lambda: anigen.from_arrays(vertices, faces, joints, [-1, 0, 1], skin, names))
+
+
+def check_numbers():
+    """No number is changed on its way into an asset: what does not fit is refused, with the argument's name."""
+    vertices, faces = tube()
+    joints, parents = np.array([[0, 0, -0.4], [0, 0, 0.4]]), [-1, 0]
+    skin = np.full((len(vertices), 2), 0.5, np.float32)
+
+    def refuses(words, vertices=vertices, faces=faces, joints=joints, parents=parents, skin=skin):
+        raises(anigen.InputError, words, lambda: anigen.from_arrays(vertices, faces, joints, parents, skin))
+
+    for like in (faces.tolist(), faces.astype(np.uint16), faces.astype(">i8"), np.asfortranarray(faces)):
+        assert np.array_equal(anigen.from_arrays(vertices, like).faces, faces)
+    assert len(anigen.from_arrays(vertices, np.zeros((0, 3))).faces) == 0
+    wide, natural = faces.astype(np.int64), faces.astype(np.uint64)
+    wide[5, 1] += 2**32
+    natural[2, 0] = 2**64 - 1
+    refuses(f"faces: row 5 has {wide[5, 1]}", faces=wide)
+    refuses("faces: row 2 has 18446744073709551615", faces=natural)
+    refuses("faces: has elements of type float64, expected integers", faces=faces + 0.9)
+    refuses("faces: has elements of type bool", faces=faces > 3)
+    refuses("parents: row 1 has 4294967296", parents=[-1, 2**32])
+    refuses("parents: has elements of type float32", parents=np.array([-1, 0.9], np.float32))
+    refuses("parents: has 2 dimensions", parents=[[-1, 0]])
+    refuses("vertices: has elements of type complex", vertices=vertices + 1j)
+    refuses("joints: has elements of type complex128, expected real numbers", joints=joints + 1j)
+    refuses("skin: has elements of type complex", skin=skin + 1j)
+    for value in (np.nan, np.inf, -1.0):
+        bad = skin.copy()
+        bad[[7, 9], 1] = value
+        refuses("skin: row 7 has a weight that is below 0 or not finite", skin=bad)
+    unbound = skin.copy()
+    unbound[[7, 9]] = 0
+    assert np.array_equal(anigen.from_arrays(vertices, faces, joints, parents, unbound).skin[7], [1, 0]), "the root"
+    whole = np.zeros(skin.shape, bool)
+    whole[:, 1] = True
+    assert np.array_equal(anigen.from_arrays(vertices, faces, joints, parents, whole).skin, whole)
+    for distance in (anigen.gromov_wasserstein, anigen.wasserstein, anigen.chamfer):
+        raises(anigen.InputError, "joints_b: has elements", lambda: distance(joints, parents, joints + 1j, parents))
+        raises(anigen.InputError, "parents_a: row 1", lambda: distance(joints, [-1, 2**32], joints, parents))
+
+
+def check_none(folder, rigged):
+    """None in place of an asset, as Generated.asset is after stop_at="voxels"."""
+    for action in (lambda: anigen.save(None, folder / "none.glb"), lambda: anigen.save_bytes(None),
+                   lambda: anigen.rig(None), lambda: anigen.animate(None), lambda: anigen.motions_of(None),
+                   lambda: anigen.evaluate(None, rigged), lambda: anigen.evaluate(rigged, None),
+                   lambda: anigen.evaluate(predicted=rigged, truth=None), lambda: anigen.lint(None),
+                   lambda: anigen.render(None), lambda: anigen.prepare(None), lambda: anigen.prepare(asset=None)):
+        raises(TypeError, "incompatible function arguments", action)
 
 
 def check_files(folder):
@@ -118,7 +171,24 @@ def check_jobs(rigged):
     anigen.rig(rigged, keep_skeleton=False, method="curve", progress=lambda *what: heard.append(what))
     assert heard and all(0 <= fraction <= 1 for _, fraction in heard)
     raises(anigen.Interrupted, "cancelled", lambda: anigen.rig(rigged, progress=lambda *_: False))
-    raises(anigen.Interrupted, "cancelled", lambda: anigen.rig(rigged, progress=lambda *_: 1 / 0))
+    calls = [lambda progress: anigen.rig(rigged, progress=progress),
+             lambda progress: anigen.evaluate(rigged, rigged, metrics=["skeleton"], progress=progress)]
+
+    def interrupted_by_user(*_):
+        raise KeyboardInterrupt("by the user")
+
+    for call in calls:
+        raises(ZeroDivisionError, "division", lambda: call(lambda *_: 1 / 0))
+        raises(KeyboardInterrupt, "by the user", lambda: call(interrupted_by_user))
+        # In the last call, too, where nothing is left to end.
+        raises(ZeroDivisionError, "division", lambda: call(lambda _, fraction: 1 / (1 - fraction)))
+        raises(anigen.Interrupted, "cancelled", lambda: call(lambda _, fraction: fraction < 1))
+        raises(TypeError, "incompatible function arguments", lambda: call(3))
+        call(None)
+    # Once it has ended the call, the function hears no more.
+    heard.clear()
+    raises(anigen.Interrupted, "cancelled", lambda: calls[0](lambda *what: heard.append(what) or False))
+    assert len(heard) == 1, heard
     # The lock is free during long calls: another thread goes on meanwhile.
     counts = [0]
     done = threading.Event()
@@ -158,6 +228,8 @@ def check_preparation(folder, rigged):
         assert {"joints", "parents", "skin", "vertices", "faces"} <= set(arrays)
     assert anigen.prepare([rigs], folder / "data", creatures=2, resolution=16)["reused"] == 3
     raises(anigen.Interrupted, "", lambda: anigen.prepare([], folder / "other", creatures=5, progress=lambda *_: False))
+    raises(ZeroDivisionError, "", lambda: anigen.prepare([], folder / "third", creatures=5, progress=lambda *_: 1 / 0))
+    raises(TypeError, "", lambda: anigen.prepare([], folder / "other", creatures=5, progress=3))
     raises(anigen.InputError, "nothing to prepare", lambda: anigen.prepare([], folder / "none"))
     raises(anigen.InputError, "missing", lambda: anigen.prepare(folder / "missing", folder / "none"))
 
@@ -194,6 +266,8 @@ def check_generator(weights):
     generator.generate(image, mask=seen["mask"], stop_at="voxels")
     raises(anigen.InputError, "voxels", lambda: generator.generate(image, voxels=made.voxels[:200]))
     raises(ZeroDivisionError, "", lambda: generator.generate(image, pictures=lambda *_: 1 / 0))
+    raises(ZeroDivisionError, "", lambda: generator.generate(image, stop_at="voxels", progress=lambda *_: 1 / 0))
+    raises(TypeError, "incompatible function arguments", lambda: anigen.save_bytes(stopped.asset))
     raises(anigen.InputError, "", lambda: generator.generate(b"no image"))
     found, how = anigen.rig(asset, keep_skeleton=False)
     assert len(found.joints) > 1, how
@@ -202,7 +276,9 @@ def check_generator(weights):
 with tempfile.TemporaryDirectory() as folder:
     check_openblas(packages)
     check_arrays()
+    check_numbers()
     rigged = check_files(pathlib.Path(folder))
+    check_none(pathlib.Path(folder), rigged)
     check_measures(rigged)
     check_jobs(rigged)
     check_preparation(pathlib.Path(folder), rigged)
