@@ -1,7 +1,9 @@
 #include "anigen/engine/rig.h"
 
 #include <chrono>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
 #include "anigen/core/process.h"
@@ -33,14 +35,21 @@ rigging::RigRequest checked_request(const RigOptions& options) {
   return request;
 }
 
-void fit_to_engine(const rigging::RigRequest& request, Asset& asset, rigging::RigReport& report) {
-  if (!request.engine.any()) return;
-  const rigging::EngineRig rig =
-      rigging::engine_rig(asset.skeleton, bounding_box(asset.mesh.vertices),
-                          rigging::weight_of_joints(asset.skin, asset.skeleton.size()), request.engine, asset.name);
-  rigging::add_note(rig.note, report);
-  rigging::apply(rig, asset);
-  asset.skeleton = rigging::oriented(rig, request.engine);
+/// Joints as an engine wants them, with the clips that the mesh's own bring along.
+void finish_joints(const rigging::RigRequest& request, const io::RiggedShape& shape, Asset& asset,
+                   rigging::RigReport& report) {
+  const Skeleton given = asset.skeleton;
+  std::vector<std::string> names = given.names;
+  if (request.engine.any()) {
+    const rigging::EngineRig rig =
+        rigging::engine_rig(given, bounding_box(asset.mesh.vertices),
+                            rigging::weight_of_joints(asset.skin, given.size()), request.engine, asset.name);
+    rigging::add_note(rig.note, report);
+    rigging::apply(rig, asset);
+    asset.skeleton = rigging::oriented(rig, request.engine);
+    names = rigging::names_before(rig, given);
+  }
+  rigging::add_own_clips(shape, names, asset, report);
 }
 
 Rigged rigged(const Asset& mesh, const rigging::RigRequest& request, Job* job) {
@@ -53,11 +62,7 @@ Rigged rigged(const Asset& mesh, const rigging::RigRequest& request, Job* job) {
   if (job != nullptr) job->report("rigging", 0.0);
   result.asset = rigging::rig_shape(shape, proposer, request, report);
   throw_if_interrupted();
-  if (request.engine.any()) {
-    fit_to_engine(request, result.asset, report);
-  } else {
-    rigging::add_own_clips(shape, result.asset);
-  }
+  finish_joints(request, shape, result.asset, report);
   if (job != nullptr) job->report("rigging", 1.0);
   result.note = report.note;
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();

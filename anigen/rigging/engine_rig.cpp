@@ -67,6 +67,7 @@ void add_root_bone(EngineRig& rig, double height, const std::vector<double>& wei
     rig.note += std::string(rig.note.empty() ? "" : ", ") + "has a root bone already";
     return;
   }
+  rig.has_given_joints = false;
   Skeleton origin =
       io::unrotated_in_file(skeleton_from_joints({Eigen::Vector3d::Zero()}, {-1}, {"root"}), io::ExportAxes::kGltf);
   origin.names[0] = free_name("root", {skeleton.names.begin(), skeleton.names.end()});
@@ -134,7 +135,7 @@ EngineRig engine_rig(const Skeleton& skeleton, const Box& box, const std::vector
   for (std::size_t j = 0; j < skeleton.size(); ++j) rig.new_joint.push_back(static_cast<int>(j));
   const bool has_human_names = options.names && *options.names != NameStyle::kChain;
   const Humanoid found = find_humanoid(skeleton, weight);
-  rig.has_given_joints = !options.axes && !options.root_bone;
+  rig.has_given_joints = !options.axes;
   if (has_human_names || options.humanoid) {
     require_humanoid(found, file, options.humanoid ? "VRM" : "--names of an engine");
     rig.humanoid = found;

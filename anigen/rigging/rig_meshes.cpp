@@ -394,7 +394,7 @@ ProposedJoints JointProposer::propose(const io::RiggedShape& shape) const {
       return {propose_curve_skeleton(shape.mesh, options_.curve), ""};
     case JointSource::kAuto:
       if (!options_.skeleton.empty()) return {given_, "joints of " + options_.skeleton.filename().string()};
-      if (shape.has_joints() && options_.keep_skeleton) return {skeleton_in(shape), "keeps its own joints"};
+      if (shape.has_joints() && options_.keep_skeleton) return {skeleton_in(shape), kKeepsJoints};
       return chosen_joints(shape, templates_, options_);
     case JointSource::kPinocchio:
       break;

@@ -1,7 +1,7 @@
 #include "anigen/rigging/write_rig.h"
 
 #include <algorithm>
-#include <numeric>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -69,7 +69,7 @@ Skeleton grafted_skeleton(const RigRequest& request, const EngineRig& rig, const
     // A file's own joints are known by their names.
     options.names = asset.skeleton.names;
     Skeleton skeleton = in_format_axes(asset.skeleton, request.axes, true);
-    for (std::size_t j = 0; j < given.size(); ++j) skeleton.names[at(rig.new_joint[j])] = given.names[j];
+    skeleton.names = names_before(rig, given);
     return skeleton;
   }
   const Eigen::Matrix4d turn = io::gltf_import::y_up_to_z_up().matrix();
@@ -80,30 +80,99 @@ Skeleton grafted_skeleton(const RigRequest& request, const EngineRig& rig, const
   return in_format_axes(asset.skeleton, request.axes, request.engine.axes != BoneAxes::kAlong);
 }
 
+/// Takes back that the joints are those of the mesh's file.
+void tell_new_joints(RigReport& report) {
+  const std::string kept = kKeepsJoints;
+  const std::size_t place = report.note.find(kept);
+  if (place != std::string::npos) report.note.replace(place, kept.size(), "new joints in the places of its own");
+}
+
+/// Says that the clips of the mesh's file, if there are any, are not in the new one.
+void tell_left_out(const io::RiggedShape& shape, const std::string& why, RigReport& report) {
+  if (shape.clips == nullptr) return;
+  const std::size_t clips = shape.clips->animations.size();
+  add_note(std::to_string(clips) + (clips == 1 ? " clip" : " clips") + " left out: " + why, report);
+}
+
+/// The skeleton of the mesh's file in the shape's frame, with its clips; axes of joints are known where there are some.
+Skeleton own_skeleton(const io::RiggedShape& shape, std::vector<Animation>& animations) {
+  if (shape.clips == nullptr) {
+    io::RiggedShape bare(shape.id, shape.file);
+    bare.joints = shape.joints;
+    bare.joint_names = shape.joint_names;
+    return io::to_asset(bare).skeleton;
+  }
+  Skeleton own = shape.clips->skeleton;
+  animations = shape.clips->animations;
+  io::turn_rig(shape.clips_turn, own, animations);
+  return own;
+}
+
+/// Number in a file's own skeleton per joint of another one that holds it, in whatever order; further joints get the
+/// numbers behind. Empty where it does not hold it, and `why_not` says why.
+/// @param names [J] by which the file's joints are known @param near distance that rounding explains
+std::vector<int> numbers_in_file(const Skeleton& own, const Skeleton& skeleton, const std::vector<std::string>& names,
+                                 double near, std::string& why_not) {
+  std::map<std::string, int> by_name;
+  for (std::size_t j = 0; j < own.size() && own.names.size() == own.size(); ++j)
+    by_name[own.names[j]] = static_cast<int>(j);
+  const Points places = own.positions(), wanted = skeleton.positions();
+  std::vector<int> numbers;
+  std::size_t further = own.size();
+  const auto refused = [&why_not](const char* why) {
+    why_not = why;
+    return std::vector<int>();
+  };
+  for (std::size_t j = 0; j < skeleton.size(); ++j) {
+    const auto found = by_name.find(names[j]);
+    const int parent = skeleton.parents[j], above = parent < 0 ? -1 : numbers[at(parent)];
+    if (found == by_name.end()) {
+      if (parent < 0) return refused("joints of the file are not there");
+      numbers.push_back(static_cast<int>(further++));
+      continue;
+    }
+    const std::size_t joint = at(found->second);
+    numbers.push_back(found->second);
+    if (own.parents[joint] != above) return refused("joints of the file hang on others");
+    if (!((places[joint] - wanted[j]).norm() <= near)) return refused("joints of the file were moved");
+  }
+  return further == skeleton.size() ? numbers : refused("joints of the file are not there");
+}
+
 }  // namespace
 
 void add_note(const std::string& note, RigReport& report) {
   if (!note.empty()) report.note += (report.note.empty() ? "" : ", ") + note;
 }
 
-void add_own_clips(const io::RiggedShape& shape, Asset& asset) {
-  if (shape.clips == nullptr) return;
-  const Skeleton& own = shape.clips->skeleton;
-  const auto begins_with = [](const auto& all, const auto& first) {
-    return all.size() >= first.size() && std::equal(first.begin(), first.end(), all.begin());
-  };
-  if (!begins_with(asset.skeleton.names, own.names) || !begins_with(asset.skeleton.parents, own.parents)) return;
-  Skeleton turned = own;
-  std::vector<Animation> animations = shape.clips->animations;
-  io::turn_rig(shape.clips_turn, turned, animations);
-  const Points places = turned.positions(), wanted = asset.skeleton.positions();
-  const double near = 1e-4 * bounding_box(asset.mesh.vertices).diagonal();
-  for (std::size_t j = 0; j < places.size(); ++j) {
-    if (!((places[j] - wanted[j]).norm() <= near)) return;
+std::vector<std::string> names_before(const EngineRig& rig, const Skeleton& given) {
+  if (!rig.has_given_joints) return {};
+  std::vector<std::string> names(given.size());
+  for (std::size_t j = 0; j < given.size(); ++j) names[at(rig.new_joint[j])] = given.names[j];
+  return names;
+}
+
+void add_own_clips(const io::RiggedShape& shape, const std::vector<std::string>& names, Asset& asset,
+                   RigReport& report) {
+  const bool is_told_apart = report.note.find(kKeepsJoints) != std::string::npos;
+  if (!shape.has_joints() || (shape.clips == nullptr && !is_told_apart)) return;
+  std::vector<Animation> animations;
+  const Skeleton own = own_skeleton(shape, animations);
+  std::string why_not = "the joints are new";
+  std::vector<int> numbers;
+  if (!names.empty()) {
+    const double near = 1e-4 * bounding_box(asset.mesh.vertices).diagonal();
+    numbers = numbers_in_file(own, asset.skeleton, names, near, why_not);
   }
-  std::vector<int> numbers(asset.skeleton.size());
-  std::iota(numbers.begin(), numbers.end(), 0);
-  asset.skeleton = io::gltf_import::with_further_joints(turned, asset.skeleton, numbers);
+  if (numbers.empty()) {
+    tell_new_joints(report);
+    return tell_left_out(shape, why_not, report);
+  }
+  if (shape.clips == nullptr) return;
+  Skeleton skeleton = io::gltf_import::with_further_joints(own, asset.skeleton, numbers);
+  for (std::size_t j = 0; j < numbers.size(); ++j) skeleton.names[at(numbers[j])] = asset.skeleton.names[j];
+  for (Influence& influence : asset.skin.influences) influence.joint = numbers[at(influence.joint)];
+  asset.skeleton = std::move(skeleton);
   asset.animations = std::move(animations);
 }
 
@@ -136,6 +205,7 @@ void write_rig(const RigRequest& request, const io::RiggedShape& shape, Asset& a
     apply(rig, asset);
     asset.skeleton = oriented(rig, request.engine);
   }
+  const std::vector<std::string> names = is_for_engine ? names_before(rig, given) : given.names;
   const io::RootExtensions extensions = extensions_of(request, asset, rig.humanoid, report);
   const bool into_gltf = io::has_extension(report.file, {".glb", ".gltf", ".vrm"});
   if (!request.graft || !request.method.binding || !into_gltf ||
@@ -143,9 +213,14 @@ void write_rig(const RigRequest& request, const io::RiggedShape& shape, Asset& a
     io::ExportOptions options;
     options.influences = influences;
     options.extensions = extensions;
-    if (is_vrm(report.file)) return io::write_gltf(report.file, asset, options);
+    if (is_vrm(report.file)) {
+      // The members of VRM know the joints by numbers that clips would change.
+      if (names.empty()) tell_new_joints(report);
+      tell_left_out(shape, "a .vrm written anew has none", report);
+      return io::write_gltf(report.file, asset, options);
+    }
     Asset written = asset;
-    if (!into_gltf && request.method.binding) add_own_clips(shape, written);
+    if (request.method.binding) add_own_clips(shape, names, written, report);
     return io::write_rigged(report.file, written, options);
   }
   try {
@@ -156,7 +231,13 @@ void write_rig(const RigRequest& request, const io::RiggedShape& shape, Asset& a
                                             : in_format_axes(asset.skeleton, request.axes, true);
     const io::GraftReport grafted = io::graft_rig(mesh_file, skeleton, asset.skin, report.file, options);
     if (grafted.own_joints && !options.names.empty()) log::debug("{}: own joints renamed", report.id);
-    for (const io::ImportNote& note : grafted.notes) log::info("{}: {}", report.id, note.message);
+    if (!grafted.own_joints) tell_new_joints(report);
+    for (const io::ImportNote& note : grafted.notes) {
+      if (note.code == "idle_animations")
+        add_note(note.message, report);
+      else
+        log::info("{}: {}", report.id, note.message);
+    }
   } catch (const NotSupportedError& error) {
     throw InputError(error.file(), error.place(),
                      error.problem() + "; --no-graft writes a new file with base colour alone");

@@ -111,6 +111,21 @@ TEST(EngineRig, KeepsTheSkeletonAndClipsThatAMeshHas) {
   EXPECT_NE(rigged.note.find("keeps its own joints"), std::string::npos);
 }
 
+TEST(EngineRig, KeepsClipsUnderNewNamesAndSaysWhereItCannot) {
+  Asset boxes = test::hinged_boxes(0.1F, 0.2F);
+  boxes.animations = {
+      {"open", {{1, ChannelPath::kRotation, Interpolation::kLinear, {0.0, 0.5}, {0, 0, 0, 1, 0, 0.6, 0, 0.8}}}}};
+  RigOptions options;
+  options.names = "chain";
+  const Rigged named = rig(boxes, options);
+  ASSERT_EQ(named.asset.animations.size(), 1U);
+  EXPECT_EQ(named.asset.skeleton.names[0].rfind("chain_", 0), 0U) << named.asset.skeleton.names[0];
+  options.height = 2.0;
+  const Rigged scaled = rig(boxes, options);
+  EXPECT_TRUE(scaled.asset.animations.empty());
+  EXPECT_NE(scaled.note.find("1 clip left out"), std::string::npos) << scaled.note;
+}
+
 TEST(EngineRig, FitsEnginesAndRefusesUnknownWords) {
   RigOptions options;
   options.method = "curve";

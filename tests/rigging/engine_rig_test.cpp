@@ -104,6 +104,7 @@ TEST(EngineRig, ARootBoneThatIsThereIsEnough) {
   options.root_bone = true;
   const std::size_t joints = rig.joints.size();
   EXPECT_EQ(made(rig, options).skeleton.size(), joints + 1) << "the root is at (3, 2)";
+  EXPECT_FALSE(made(rig, options).has_given_joints);
   options.ground = true;
   options.names = NameStyle::kUnity;  // hips known: the idle root comes below them, to the origin
   const EngineRig grounded = made(rig, options);

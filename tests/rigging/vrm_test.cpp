@@ -94,6 +94,18 @@ TEST_F(VrmFile, LimbsOfIkRigsHangOnTheBody) {
   EXPECT_NE(std::find(children.begin(), children.end(), bones["leftFoot"]["node"]), children.end());
 }
 
+TEST_F(VrmFile, WrittenAnewLeavesClipsOutWithAWord) {
+  Asset person = HumanRig().asset();
+  person.animations = {
+      {"bow", {{1, ChannelPath::kRotation, Interpolation::kLinear, {0.0, 0.5}, {0, 0, 0, 1, 0.6, 0, 0, 0.8}}}}};
+  io::write_gltf(folder_ / "person.glb", person);
+  request_.graft = false;
+  const RigReport report = rig_meshes(request_).meshes.at(0);
+  EXPECT_EQ(report.failure, "");
+  EXPECT_NE(report.note.find("1 clip left out: a .vrm written anew has none"), std::string::npos) << report.note;
+  EXPECT_TRUE(io::read_gltf(request_.out).asset.animations.empty());
+}
+
 TEST_F(VrmFile, RefusesOthersBeforeAnythingIsWritten) {
   HumanRig rig;
   save(rig);
