@@ -2,6 +2,7 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -42,13 +43,13 @@ struct MeshArguments {
   mesh_health::WorkLimits limits() const { return {asset_timeout, memory_mb << 20}; }
 };
 
-/// A mesh with all that its file has. @throws InputError when it has no faces
-Asset read_surface(const std::string& file) {
+/// A mesh with all that can be read of its file. @throws InputError when it has no faces
+io::ImportedAsset read_surface(const std::string& file) {
   const eval::FileKind kind = eval::file_kind(file);
   if (!eval::is_geometry(kind)) throw InputError(file, "", "holds no mesh");
-  Asset asset = eval::read_geometry(file, kind).imported.asset;
-  if (asset.mesh.faces.empty()) throw InputError(file, "", "holds no faces");
-  return asset;
+  io::ImportedAsset read = eval::read_geometry(file, kind).imported;
+  if (read.asset.mesh.faces.empty()) throw InputError(file, "", "holds no faces");
+  return read;
 }
 
 /// Runs work on the mesh of a file under the limits; errors name the file.
@@ -78,7 +79,7 @@ struct CheckedFile {
 CheckedFile check_one(const std::string& file, const MeshArguments& arguments) {
   CheckedFile checked{file, {}, "", false};
   try {
-    const Mesh mesh = read_surface(file).mesh;
+    const Mesh mesh = read_surface(file).asset.mesh;
     const auto work = [&](const mesh_health::StepReport&) {
       return mesh_health::MeshResult{{}, {}, to_json(mesh_health::check_mesh(mesh, arguments.check))};
     };
@@ -164,6 +165,19 @@ std::vector<std::string> not_in_format(const Asset& asset, Format format) {
   return lost;
 }
 
+/// Parts of a file that an asset has no place for.
+std::vector<std::string> not_read(const io::ImportedAsset& read) {
+  static const std::set<std::string> kLosses = {"morph_targets",     "skipped_lines",       "missing_image",
+                                                "unsupported_image", "unsupported_texture", "dropped_channels",
+                                                "empty_animation"};
+  std::vector<std::string> lost;
+  for (const io::ImportNote& note : read.notes) {
+    if (kLosses.count(note.code) > 0) lost.push_back(note.message);
+  }
+  if (!read.node_clips.empty()) lost.emplace_back("animations of nodes");
+  return lost;
+}
+
 /// @param influences joints per vertex that the file had at most
 void save(const std::string& output, Asset asset, Format format, std::size_t influences) {
   switch (format) {
@@ -205,7 +219,8 @@ void make_mesh(const MeshArguments& arguments, const std::string& label, const W
     const auto sample = io::sample_of(arguments.input);
     return io::files_read_with(sample ? sample->first : fs::path(arguments.input));
   });
-  const Asset asset = read_surface(arguments.input);
+  const io::ImportedAsset read = read_surface(arguments.input);
+  const Asset& asset = read.asset;
   mesh_health::MeshResult result = run_on(
       arguments.input, label, [&](const auto& report) { return work(asset.mesh, report); }, arguments);
   throw_if_interrupted();
@@ -215,7 +230,8 @@ void make_mesh(const MeshArguments& arguments, const std::string& label, const W
     carried.asset.animations.clear();
     carried.lost.emplace_back("a skeleton that moves nothing");
   }
-  for (std::string& lost : not_in_format(carried.asset, format)) carried.lost.push_back(std::move(lost));
+  for (const std::vector<std::string>& parts : {not_read(read), not_in_format(carried.asset, format)})
+    carried.lost.insert(carried.lost.end(), parts.begin(), parts.end());
   if (!carried.lost.empty()) log::warn("{}: not kept: {}", arguments.output, joined(carried.lost));
   Json told = {{"file", arguments.input},
                {"output", arguments.output},

@@ -128,7 +128,8 @@ void refuse_lossy_outputs(const EvaluationRequest& request, const Opened& opened
   refuse_to_overwrite(outputs, [&] {
     std::vector<fs::path> inputs = request.splits;
     inputs.insert(inputs.end(), request.category_splits.begin(), request.category_splits.end());
-    inputs.push_back(request.motion.substr(0, request.motion.find('#')));
+    inputs.push_back(request.motion.substr(0, request.motion.rfind('#')));
+    inputs.emplace_back(request.motion);  // a file whose name holds a #
     for (const std::string& text : request.predictions) inputs.push_back(named_path(text).second);
     for (const ComparedMethod& method : opened.methods) {
       for (const PairPlan& pair : method.pairs) {

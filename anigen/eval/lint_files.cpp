@@ -31,6 +31,9 @@ bool is_listed(FileKind kind) {
          kind == FileKind::kDataset || kind == FileKind::kFolder;
 }
 
+/// A file that may hold a mesh without a rig, which RigReader refuses and the checks find.
+bool may_lack_rig(FileKind kind) { return is_geometry(kind) && !is_listed(kind); }
+
 std::string counted(std::size_t count, const std::string& word) {
   return (count == 0 ? "no" : std::to_string(count)) + " " + word + (count == 1 ? "" : "s");
 }
@@ -39,15 +42,17 @@ std::string counted(std::size_t count, const std::string& word) {
 
 std::vector<LintedFile> lint_path(const std::filesystem::path& path, const lint::LintOptions& options) {
   const FileKind kind = file_kind(path);
-  if (is_geometry(kind) && !is_listed(kind))
-    return {linted(path.string(), options, [&] { return read_geometry(path, kind).imported; })};
+  if (may_lack_rig(kind)) return {linted(path.string(), options, [&] { return read_geometry(path, kind).imported; })};
   if (!is_listed(kind))
     throw InputError(path.string(), "", "--lint needs a rig, or a folder, dataset or shard of rigs");
   const io::RigReader reader;
   std::vector<LintedFile> files;
   for (const io::RigEntry& entry : io::list_rigs(path)) {
     const std::string name = entry.file.string() + (entry.key.empty() ? "" : "#" + entry.key);
-    files.push_back(linted(name, options, [&] { return reader.read(entry); }));
+    files.push_back(linted(name, options, [&] {
+      const FileKind own = entry.key.empty() ? file_kind(entry.file) : FileKind::kShard;
+      return may_lack_rig(own) ? read_geometry(entry.file, own).imported : reader.read(entry);
+    }));
   }
   return files;
 }

@@ -87,7 +87,9 @@ void refuse_lost_inputs(const AnimateRequest& request, const std::vector<Job>& j
       for (fs::path& file : io::files_read_with(job.asset)) inputs.push_back(std::move(file));
     }
     for (const std::string& word : request.motions) {
-      if (!is_built_in(word)) inputs.push_back(word.substr(0, word.rfind('#')));
+      if (is_built_in(word)) continue;
+      inputs.push_back(word.substr(0, word.rfind('#')));
+      inputs.emplace_back(word);  // a file whose name holds a #
     }
     return inputs;
   });

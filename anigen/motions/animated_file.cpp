@@ -1,6 +1,8 @@
 #include "anigen/motions/animated_file.h"
 
 #include <algorithm>
+#include <set>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/io/gltf/add_animations.h"
@@ -40,9 +42,17 @@ bool write_animated(const std::filesystem::path& original, Asset& asset, const s
     } catch (const NotSupportedError& error) {
       notes.push_back("written anew with base colour alone: " + std::string(error.what()));
     }
+  } else {
+    notes.emplace_back("written anew with base colour alone");
   }
   if (!keep_clips) asset.animations.clear();
-  asset.animations.insert(asset.animations.end(), clips.begin(), clips.end());
+  std::set<std::string> taken;
+  for (const Animation& clip : asset.animations) taken.insert(clip.name);
+  for (Animation clip : clips) {
+    const std::string name = clip.name;
+    for (int k = 2; !taken.insert(clip.name).second; ++k) clip.name = name + "_" + std::to_string(k);
+    asset.animations.push_back(std::move(clip));
+  }
   io::ExportOptions options;
   options.influences = std::max<std::size_t>(4, asset.skin.largest_row());
   io::write_rigged(out, asset, options);

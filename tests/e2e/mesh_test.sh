@@ -71,6 +71,22 @@ expect 0 "sound; closed, 1 part" check wrapped.glb --solid
 expect 2 "are the most" wrap cube.obj -o absurd.glb --alpha 0.000001
 [ ! -e absurd.glb ] || fail "a refused wrap has left a file"
 
+# Morph targets and animations of nodes have no place in an asset, which is said, too.
+cat >moving.gltf <<'END'
+{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"targets":[{"POSITION":1}]}]}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
+{"bufferView":1,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0.1],"max":[0,0,0.1]},
+{"bufferView":2,"componentType":5126,"count":2,"type":"SCALAR","min":[0],"max":[1]},
+{"bufferView":3,"componentType":5126,"count":2,"type":"VEC4"}],
+"bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":36},
+{"buffer":0,"byteOffset":72,"byteLength":8},{"buffer":0,"byteOffset":80,"byteLength":32}],
+"animations":[{"name":"turn","samplers":[{"input":2,"output":3}],
+"channels":[{"sampler":0,"target":{"node":0,"path":"rotation"}}]}],"buffers":[{"byteLength":112,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAADNzMw9AAAAAAAAAADNzMw9AAAAAAAAAADNzMw9AAAAAAAAgD8AAAAAAAAAAAAAAAAAAIA/AAAAAAAAgD8AAAAAAAAAAA=="}]}
+END
+expect 0 "morph targets" repair moving.gltf -o still.glb
+expect 0 "animations of nodes" repair moving.gltf -o still.glb --json
+
 # Neither a limit of time nor Ctrl-C leaves half a file.
 expect 1 "took more than 1 s" wrap sound.glb -o slow.glb --alpha 0.002 --asset-timeout 1
 "$program" wrap sound.glb -o slow.glb --alpha 0.002 >said 2>&1 &

@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "anigen/core/error.h"
+#include "anigen/io/gltf/gltf.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -53,6 +54,18 @@ TEST(LintPath, TellsWhatIsNoRig) {
   ASSERT_EQ(mesh.size(), 1U);
   EXPECT_NE(mesh[0].lint.find("no-skeleton"), nullptr);
   EXPECT_NE(mesh[0].lint.find("no-weights"), nullptr);
+  // In a folder as alone.
+  Asset bare;
+  bare.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  bare.mesh.faces = {{0, 1, 2}};
+  io::ExportOptions options;
+  options.require_rig = false;
+  std::filesystem::create_directories(folder / "models");
+  io::write_gltf(folder / "models/bare.glb", bare, options);
+  const std::vector<LintedFile> all = lint_path(folder / "models");
+  ASSERT_EQ(all.size(), 1U);
+  EXPECT_EQ(all[0].rejection, "");
+  EXPECT_NE(all[0].lint.find("no-skeleton"), nullptr);
   std::ofstream(folder / "config.json") << "{}";
   EXPECT_THROW(lint_path(folder / "config.json"), InputError);
   EXPECT_THROW(lint_path(folder / "none.glb"), InputError);

@@ -45,6 +45,21 @@ TEST(AnimateFiles, AddsClipsBehindThoseOfTheFile) {
   EXPECT_EQ(clip_names(request.out), std::vector<std::string>{"wag"});
 }
 
+TEST(AnimateFiles, SaysWhatANewFileLosesAndKeepsNamesApart) {
+  const test::TemporaryFolder folder;
+  io::write_gltf(folder / "walker.glb", test::made_quadruped());
+  AnimateRequest request;
+  request.assets = folder / "walker.glb";
+  request.out = folder / "walker.fbx";
+  const std::vector<AnimateReport> first = animate_files(request);
+  EXPECT_FALSE(first[0].copied);
+  EXPECT_NE(to_text(first).find("base colour alone"), std::string::npos);
+  request.assets = folder / "walker.fbx";
+  request.out = folder / "again.glb";
+  EXPECT_TRUE(animate_files(request)[0].failure.empty());
+  EXPECT_EQ(clip_names(request.out), (std::vector<std::string>{"idle", "idle_2"}));
+}
+
 TEST(AnimateFiles, FolderToFolderAndWhatFailsIsTold) {
   const test::TemporaryFolder folder;
   fs::create_directories(folder / "in/deep");
@@ -72,6 +87,10 @@ TEST(AnimateFiles, RefusesBadInput) {
   request.assets = folder / "biped.glb";
   request.out = folder / "biped.glb";
   EXPECT_THROW(animate_files(request), InputError);  // would replace its input
+  fs::copy_file(folder / "biped.glb", folder / "a#b.glb");
+  request.motions = {(folder / "a#b.glb").string()};
+  request.out = folder / "a#b.glb";
+  EXPECT_THROW(animate_files(request), InputError) << "a motion is an input, too";
   request.out = folder / "out.glb";
   request.motions = {"gallop"};
   EXPECT_THROW(animate_files(request), InputError);
