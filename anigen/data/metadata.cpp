@@ -187,7 +187,8 @@ std::vector<AssetId> select_rows(const CsvTable& table, const fs::path& root, co
     }
     assets.push_back({root, id, repeat, voxel_count(table, row, file), table.flag(row, "is_bad_skin", false, file),
                       has("file_identifier") ? creature_of(table, row) : "",
-                      has("source") ? table.cell(row, "source") : ""});
+                      has("source") ? table.cell(row, "source") : "",
+                      has("variant_of") ? table.cell(row, "variant_of") : ""});
   }
   return assets;
 }
@@ -351,9 +352,11 @@ TrainAndEval select(const SourceOptions& options, const StreamGeneration* genera
   }
   for (const AssetId& asset : select_assets(trained, filter)) {
     if (held_out.count(asset.id) > 0) continue;
-    const bool chosen = options.eval_split.empty() && share_of(asset.id) < options.eval_fraction;
+    // An asset and its posed variants have one mesh and rig: they stay together.
+    const std::string& original = asset.variant_of.empty() ? asset.id : asset.variant_of;
+    const bool chosen = options.eval_split.empty() && share_of(original) < options.eval_fraction;
     // Another hash than that of eval_fraction, so that the two do not choose alike.
-    if (!chosen && options.train_share < 1.0 && share_of("share " + asset.id) >= options.train_share) continue;
+    if (!chosen && options.train_share < 1.0 && share_of("share " + original) >= options.train_share) continue;
     (chosen ? result.eval : result.train).push_back(asset);
     if (chosen) result.eval.back().repeat = 1;
   }

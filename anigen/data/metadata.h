@@ -26,6 +26,7 @@ struct AssetId {
   bool is_bad_skin = false;      ///< column is_bad_skin
   std::string creature{};        ///< column file_identifier of a procedural creature, "procedural/<seed>/<index>"
   std::string source{};          ///< column source, of a procedural creature "procedural:<family>"
+  std::string variant_of{};      ///< column variant_of, the id of which this is another pose; "" for none
 };
 
 /// Filters on the rows of metadata.csv (docs/reference/training.md, 1.1 and 1.3). A filter on a column that a source
@@ -68,8 +69,8 @@ struct SourceOptions {
   std::string data_dir;        ///< ours: comma-separated roots; --dataset sets it
   std::string split;           ///< ours: file of ids to use; relative to the first root, else to the working directory
   std::string eval_split;      ///< ours: file of ids held out for evaluation; never trained on
-  double eval_fraction = 0.0;  ///< ours, without eval_split: this share of the ids, chosen by a hash of the id
-  double train_share = 1.0;    ///< ours: this share of the training ids, chosen by a hash; smaller in larger ones
+  double eval_fraction = 0.0;  ///< ours, without eval_split: this share, chosen by a hash of the id; poses go with it
+  double train_share = 1.0;    ///< ours: this share of the training ids, chosen so, too; smaller in larger ones
   bool skip_broken = false;    ///< ours: leave out assets that cannot be read, counted and named
   std::vector<std::string> test_splits;  ///< ours: files of ids of which no asset may be trained on, of any dataset
   RowFilter filter;  ///< ours: `repeat_sources`, for example {"real": 8}, visits assets of a source that often an epoch

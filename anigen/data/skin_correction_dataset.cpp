@@ -11,6 +11,7 @@
 #include "anigen/asset/skeleton.h"
 #include "anigen/core/config_fields.h"
 #include "anigen/core/error.h"
+#include "anigen/core/files.h"
 #include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
@@ -66,12 +67,10 @@ namespace {
 
 // All that decides the contents of a file of features.
 std::vector<std::int64_t> cache_settings(const AssetId& asset, const SkinCorrectionDataOptions& options) {
-  std::error_code error;
-  const std::uintmax_t bytes = fs::file_size(rig_path(asset), error);
-  if (error) throw InputError(rig_path(asset).string(), "", "no such file");
-  return {rigging::kSkinFeatureVersion, static_cast<std::int64_t>(options.features.candidates),
-          options.features.resolution, static_cast<std::int64_t>(options.cached_vertices),
-          static_cast<std::int64_t>(bytes)};
+  const std::uint64_t rig = stable_hash(read_file(rig_path(asset)));
+  return {rigging::kSkinFeatureVersion,         static_cast<std::int64_t>(options.features.candidates),
+          options.features.resolution,          static_cast<std::int64_t>(options.cached_vertices),
+          static_cast<std::int64_t>(rig >> 32), static_cast<std::int64_t>(rig & 0xFFFFFFFF)};
 }
 
 fs::path features_path(const AssetId& asset, const SkinCorrectionDataOptions& options) {

@@ -11,9 +11,11 @@ namespace {
 
 constexpr std::array<const char*, SkeletonMeans::kScores> kIntervalScores = {"skin_l1", "skin_kl", "deformation"};
 
-/// Mean of every skeleton, in the order of their signatures; NaN where a method has no score.
-std::array<std::vector<double>, SkeletonMeans::kScores> skeleton_scores(const SkinEvaluation& evaluation,
-                                                                        std::size_t method) {
+using SkeletonScores = std::array<std::vector<double>, SkeletonMeans::kScores>;
+
+/// Mean of every skeleton, in the order of their signatures, over the rigs that neither the method nor `beside` failed
+/// on; NaN where there is none.
+SkeletonScores skeleton_scores(const SkinEvaluation& evaluation, std::size_t method, std::size_t beside) {
   struct Sums {
     std::array<double, SkeletonMeans::kScores> sum{};
     double rigs = 0.0;
@@ -22,12 +24,12 @@ std::array<std::vector<double>, SkeletonMeans::kScores> skeleton_scores(const Sk
   for (const AssetResult& asset : evaluation.assets) {
     Sums& sums = skeletons[asset.skeleton];
     const MethodResult& result = asset.methods[method];
-    if (!result.failure.empty()) continue;
+    if (!result.failure.empty() || !asset.methods[beside].failure.empty()) continue;
     const double scores[] = {result.scores.mean.l1, result.scores.mean.kl, result.deformation};
     for (std::size_t k = 0; k < SkeletonMeans::kScores; ++k) sums.sum[k] += scores[k];
     sums.rigs += 1.0;
   }
-  std::array<std::vector<double>, SkeletonMeans::kScores> means;
+  SkeletonScores means;
   for (const auto& [signature, sums] : skeletons) {
     for (std::size_t k = 0; k < SkeletonMeans::kScores; ++k)
       means[k].push_back(sums.rigs > 0.0 ? sums.sum[k] / sums.rigs : std::numeric_limits<double>::quiet_NaN());
@@ -45,7 +47,9 @@ SkeletonMeans over_skeletons(const SkinEvaluation& evaluation, std::size_t metho
   constexpr const char* kPurpose = "skeletons";
   SkeletonMeans result;
   for (const AssetResult& asset : evaluation.assets) result.assets += asset.methods[method].failure.empty() ? 1 : 0;
-  const auto own = skeleton_scores(evaluation, method), first = skeleton_scores(evaluation, 0);
+  const SkeletonScores own = skeleton_scores(evaluation, method, method);
+  // Differences are of the same rigs: a method that fails on the hard ones of a skeleton would win.
+  const SkeletonScores paired = skeleton_scores(evaluation, method, 0), first = skeleton_scores(evaluation, 0, method);
   for (std::size_t k = 0; k < SkeletonMeans::kScores; ++k) {
     std::vector<double> values;
     for (const double value : own[k]) {
@@ -56,7 +60,7 @@ SkeletonMeans over_skeletons(const SkinEvaluation& evaluation, std::size_t metho
     result.mean[k] = 0.0;
     for (const double value : values) result.mean[k] += value / static_cast<double>(values.size());
     result.interval[k] = bootstrap_mean(values, 0, kPurpose);
-    if (method > 0) result.to_first[k] = paired_difference(own[k], first[k], 0, kPurpose);
+    if (method > 0) result.to_first[k] = paired_difference(paired[k], first[k], 0, kPurpose);
   }
   return result;
 }

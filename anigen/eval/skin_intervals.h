@@ -16,7 +16,7 @@ struct SkeletonMeans {
   std::size_t skeletons = 0, assets = 0;
   std::array<double, kScores> mean{};                ///< over skeletons, of means over their rigs
   std::array<Interval, kScores> interval{};          ///< 95 %, by bootstrap over skeletons
-  std::array<PairedDifference, kScores> to_first{};  ///< against the first method, over skeletons that both have
+  std::array<PairedDifference, kScores> to_first{};  ///< against the first method, of the rigs that both have
 };
 
 /// All assets with scores, usable or not. @pre evaluation.poses > 0 @return no skeletons where nothing has scores

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "anigen/core/text.h"
@@ -32,8 +34,21 @@ Cell side_cell(const Experiment& experiment, const Plan& plan, const std::filesy
   return {};
 }
 
-/// Differences of means over assets, seed by seed. A side that no seed changes has one value for all of them.
-/// @return empty where the sides have other seeds
+/// Mean difference of two seeds' values over the assets that both have; a method may fail on the hard ones.
+double advantage(const std::map<std::string, double>& of, const std::map<std::string, double>& over) {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (const auto& [id, value] : of) {
+    const auto other = over.find(id);
+    if (other == over.end()) continue;
+    sum += eval::difference(value, other->second);
+    ++count;
+  }
+  return sum / static_cast<double>(count);
+}
+
+/// Differences of means, seed by seed. A side that no seed changes has one value for all of them. Costs have no assets.
+/// @return empty where the sides have other seeds, or no asset in common
 std::vector<double> seed_advantages(const Cell& of, const Cell& over, double sign) {
   const std::size_t seeds = std::max(of.by_seed.size(), over.by_seed.size());
   std::vector<double> advantages;
@@ -41,8 +56,12 @@ std::vector<double> seed_advantages(const Cell& of, const Cell& over, double sig
     if (side->by_seed.size() != seeds && side->by_seed.size() != 1) return {};
   }
   for (std::size_t s = 0; s < seeds; ++s) {
-    const double a = of.by_seed[of.by_seed.size() == 1 ? 0 : s], b = over.by_seed[over.by_seed.size() == 1 ? 0 : s];
-    advantages.push_back(sign * eval::difference(a, b));
+    const std::size_t a = of.by_seed.size() == 1 ? 0 : s, b = over.by_seed.size() == 1 ? 0 : s;
+    const bool has_assets = !of.seed_assets.empty() && !over.seed_assets.empty();
+    const double difference = has_assets ? advantage(of.seed_assets[a], over.seed_assets[b])
+                                         : eval::difference(of.by_seed[a], over.by_seed[b]);
+    if (!std::isfinite(difference)) return {};
+    advantages.push_back(sign * difference);
   }
   return advantages;
 }
@@ -70,7 +89,7 @@ ClaimResult judged(const Experiment& experiment, const Plan& plan, const std::fi
   result.by_asset = eval::paired_difference(first, second, 0, spec.text);
   result.by_seed = seed_advantages(result.of, result.over, sign);
   if (!missing.empty() || result.by_seed.empty()) {
-    result.reason = missing.empty() ? "both sides need the same seeds" : joined(missing);
+    result.reason = missing.empty() ? "both sides need the same seeds, and assets in common" : joined(missing);
     return result;
   }
   result.seed_interval = student_interval(result.by_seed);

@@ -85,6 +85,7 @@ Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string
       assets[id].push_back(value);
     }
     cell.by_seed.push_back(mean_of(all));
+    cell.seed_assets.push_back(values);
   }
   if (!cell.has()) return cell;
   std::vector<double> all;
@@ -140,19 +141,32 @@ Difference difference_of(const std::vector<Row>& rows, std::size_t row, std::siz
   return result;
 }
 
-/// Place of every row by mean: 1 best, 2 second, equal ones alike; 0 for the others and where nothing can be ranked.
+std::vector<std::string> assets_of(const Cell& cell) {
+  std::vector<std::string> ids;
+  for (const auto& [id, value] : cell.by_asset) ids.push_back(id);
+  return ids;
+}
+
+/// Place of every row by mean: 1 best, 2 second, equal ones alike; 0 for the others and where nothing can be ranked, as
+/// between rows with values on different assets: a method that fails on the hard ones would win.
 std::vector<int> ranks(const ResultTable& result, std::size_t column) {
+  const std::vector<int> none(result.rows.size(), 0);
   const Column::Better better = result.spec.columns[column].better;
   const std::vector<std::string>& references = result.spec.not_ranked;
   std::vector<double> means;
+  std::optional<std::vector<std::string>> assets;
   std::size_t ranked = 0;
   for (const Row& row : result.rows) {
     const bool is_reference = std::find(references.begin(), references.end(), row.method) != references.end();
-    const bool has = row.cells[column].has() && !is_reference;
-    means.push_back(has ? row.cells[column].mean : std::numeric_limits<double>::quiet_NaN());
-    ranked += has ? 1 : 0;
+    const Cell& cell = row.cells[column];
+    const bool has = cell.has() && !is_reference;
+    means.push_back(has ? cell.mean : std::numeric_limits<double>::quiet_NaN());
+    if (!has) continue;
+    ++ranked;
+    if (!assets) assets = assets_of(cell);
+    if (*assets != assets_of(cell)) return none;
   }
-  if (better == Column::Better::kNone || ranked < 2) return std::vector<int>(result.rows.size(), 0);
+  if (better == Column::Better::kNone || ranked < 2) return none;
   return eval::places(means, better == Column::Better::kLower);
 }
 

@@ -16,8 +16,9 @@ namespace anigen::experiment {
 struct Cell {
   std::vector<double> by_seed;             ///< mean over assets, per seed that has values; one where all are the same
   std::map<std::string, double> by_asset;  ///< mean over seeds
-  double mean = 0;                         ///< of by_seed
-  eval::Interval interval;                 ///< 95 %: over seeds by Student's t, with one seed over assets by bootstrap
+  std::vector<std::map<std::string, double>> seed_assets;  ///< values of the assets, per seed of by_seed
+  double mean = 0;                                         ///< of by_seed
+  eval::Interval interval;  ///< 95 %: over seeds by Student's t, with one seed over assets by bootstrap
   bool has() const { return !by_seed.empty(); }
 };
 
@@ -61,7 +62,7 @@ double sign_flip_p(const std::vector<double>& differences, const std::string& pu
 eval::Interval student_interval(const std::vector<double>& values);
 
 /// Variant, method, assets, failures, and every column as "mean ± half of the 95 % interval"; the best of a column
-/// `**bold**`, the second `_underlined_`, unless no direction is given.
+/// `**bold**`, the second `_underlined_`, unless no direction is given or rows have values on different assets.
 Table mean_table(const ResultTable& result);
 
 /// Every variant against the first: difference, interval and p per column. Without rows when there is one variant.

@@ -87,10 +87,13 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kSampledAtOnce = 4;  // assets; the answer does not depend on it beyond rounding
 
-/// @param held_out assets to evaluate: a share of the training assets does not reduce them
+/// @param splits files of ids; empty: the assets that the run was trained on
+/// @param evaluated assets to evaluate, which a gallery of training assets leaves out unless `splits` name them; null
+/// when these are what is opened: a share of the training assets does not reduce them
 std::unique_ptr<data::StructureLatentDataset> dataset_of(const data::StructureLatentOptions& reading,
                                                          const std::string& data, const std::vector<fs::path>& splits,
-                                                         std::uint64_t seed, bool held_out) {
+                                                         std::uint64_t seed,
+                                                         const data::StructureLatentDataset* evaluated) {
   data::StructureLatentOptions options = reading;
   if (!data.empty()) options.sources.data_dir = data;
   if (!splits.empty()) {
@@ -100,11 +103,23 @@ std::unique_ptr<data::StructureLatentDataset> dataset_of(const data::StructureLa
     for (const fs::path& split : splits)
       ids.merge(data::read_split(data::file_of_dataset(split.string(), roots), roots));
   }
-  options.sources.eval_split.clear();
-  options.sources.eval_fraction = 0.0;
-  if (held_out) options.sources.train_share = 1.0;
+  if (evaluated == nullptr || !splits.empty()) {
+    options.sources.eval_split.clear();
+    options.sources.eval_fraction = 0.0;
+  }
+  if (evaluated == nullptr) options.sources.train_share = 1.0;
   options.sources.filter.repeat.clear();
-  return std::make_unique<data::StructureLatentDataset>(data::select(options.sources).train, options, seed);
+  std::vector<data::AssetId> assets = data::select(options.sources).train;
+  if (evaluated != nullptr && splits.empty()) {
+    std::set<std::string> ids;
+    for (std::size_t i = 0; i < evaluated->assets(); ++i) ids.insert(evaluated->asset(i).id);
+    const auto is_evaluated = [&](const data::AssetId& asset) { return ids.count(asset.id) > 0; };
+    assets.erase(std::remove_if(assets.begin(), assets.end(), is_evaluated), assets.end());
+    if (assets.empty())
+      throw InputError("--train-split", "",
+                       "retrieval has no training asset that is not evaluated: name others, or --retrieval-views 0");
+  }
+  return std::make_unique<data::StructureLatentDataset>(std::move(assets), options, seed);
 }
 
 std::map<std::string, std::string> sources_of(const std::string& roots) {
@@ -137,14 +152,14 @@ class StructureComparison {
       : request_(request),
         generator_(generator_of(request)),
         coder_(generator_.autoencoder(), generator_.reading().ss_dec_ckpt, nn::parse_device(request.device), false),
-        assets_(dataset_of(generator_.reading(), request.data, request.splits, request.seed, true)) {
+        assets_(dataset_of(generator_.reading(), request.data, request.splits, request.seed, nullptr)) {
     sampler_ = generator_.sampler();
     if (request.steps > 0) sampler_.steps = request.steps;
     strengths_ = request.strengths.empty() ? std::vector<double>{sampler_.cfg_strength} : request.strengths;
     if (request.retrieval_views > 0) {
       std::vector<fs::path> train_splits;
       if (!request.train_split.empty()) train_splits.push_back(request.train_split);
-      training_ = dataset_of(generator_.reading(), request.data, train_splits, request.seed, false);
+      training_ = dataset_of(generator_.reading(), request.data, train_splits, request.seed, assets_.get());
       retrieval_ = std::make_unique<StructureRetrieval>(generator_, *training_, request.retrieval_views);
     }
     // A strength of 0 is the row that is not guided.

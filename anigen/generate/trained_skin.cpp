@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <functional>
 #include <map>
+#include <sstream>
+#include <system_error>
 #include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/data/skin_correction_dataset.h"
+#include "anigen/data/view_files.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/skin_correction/weights.h"
 
@@ -19,6 +22,7 @@ struct TrainedSkin::Loaded {
   SkinCorrection network = nullptr;
   std::filesystem::path file;
   std::string fold;
+  std::vector<std::filesystem::path> roots;
 };
 
 TrainedSkin::TrainedSkin(const std::filesystem::path& run) : loaded_(std::make_unique<Loaded>()) {
@@ -27,6 +31,10 @@ TrainedSkin::TrainedSkin(const std::filesystem::path& run) : loaded_(std::make_u
   loaded_->file = found.checkpoint;
   const Json::json_pointer fold("/dataset/args/fold");
   if (found.run.contains(fold) && found.run[fold].is_string()) loaded_->fold = found.run[fold].get<std::string>();
+  const Json::json_pointer data("/dataset/args/data_dir");
+  if (!found.run.contains(data) || !found.run[data].is_string()) return;
+  std::istringstream words(found.run[data].get<std::string>());
+  for (std::string root; std::getline(words, root, ',');) loaded_->roots.emplace_back(root);
 }
 
 TrainedSkin::~TrainedSkin() = default;
@@ -48,6 +56,16 @@ SkinWeights TrainedSkin::weights(const rigging::SkinFeatures& features, std::siz
 }
 
 const std::string& TrainedSkin::fold() const { return loaded_->fold; }
+
+std::string TrainedSkin::trained_signature(const std::string& id) const {
+  for (const std::filesystem::path& root : loaded_->roots) {
+    const data::AssetId asset{root, id};
+    std::error_code error;
+    if (std::filesystem::exists(data::rig_path(asset), error)) return data::skeleton_signature_of(asset);
+  }
+  return "";
+}
+
 double TrainedSkin::smoothing() const { return loaded_->network->options().smoothing; }
 
 rigging::LearnedSteps TrainedSkin::steps(const std::shared_ptr<TrainedSkin>& skin, std::size_t most_influences) {
@@ -136,7 +154,10 @@ class CorrectionRuns {
   TrainedSkin& run_of(const io::DatasetItem& item, const eval::GroundTruth& truth) const {
     const bool is_creature = item.source.rfind("procedural:", 0) == 0;
     if (count_ == 0 || is_creature) return *runs_.front();
-    const std::string signature = tree_signature(truth.parents);
+    // The dataset of the evaluation may have been prepared otherwise, with joints merged or left: the training's
+    // counts.
+    std::string signature = runs_.front()->trained_signature(item.id);
+    if (signature.empty()) signature = tree_signature(truth.parents);
     for (const auto& [index, run] : of_fold_) {
       if (data::SkeletonFold{index, count_}.holds(signature)) return *runs_[run];
     }

@@ -41,6 +41,9 @@ class TrainedSkin {
 
   /// The fold of real rigs that the training has held out (data::SkeletonFold), "" for none.
   const std::string& fold() const;
+  /// Signature of an asset's joint tree (tree_signature) in the dataset of the training, which decided its fold; ""
+  /// where that dataset is not there, or not the asset in it. @throws InputError when it cannot be read
+  std::string trained_signature(const std::string& id) const;
   /// SkinCorrectionOptions::smoothing.
   double smoothing() const;
 
@@ -55,7 +58,7 @@ class TrainedSkin {
 /// Corrected weights as methods of a skin evaluation, and the classical ones that they correct: "learned",
 /// "learned_smoothed" (half of the neighbours' mean, to be looked at before it is used), "heat", "geovoxel"; all with
 /// at most four influences. Where the runs held folds of the real rigs out, each real rig is bound by the run whose
-/// fold holds its skeleton, and creatures by the first run.
+/// fold holds its skeleton (that of the training's dataset, while it is there), and creatures by the first run.
 /// @param settings gets the runs @throws InputError for no run, a run without a fold beside others, two runs of one
 /// fold, or folds of different numbers
 std::vector<eval::SkinMethod> skin_correction_methods(const std::vector<std::filesystem::path>& runs, Json& settings);

@@ -334,8 +334,16 @@ std::string progress_page(const RunFolder& run, const CsvTable& metrics, const R
   return html + newest_pictures(run);
 }
 
+bool is_larger_better(const std::string& quantity) {
+  const std::string name = quantity.substr(quantity.rfind('.') + 1);
+  const auto begins_with = [&](const char* word) { return name.rfind(word, 0) == 0; };
+  constexpr const char* kShares[] = {"iou", "f1", "precision", "recall", "cos", "psnr", "ssim", "surfaces", "family"};
+  return std::any_of(std::begin(kShares), std::end(kShares), begins_with);
+}
+
 bool has_stalled(const CsvTable& metrics, const std::string& quantity, std::int64_t patience, double gain) {
   std::vector<double> values;
+  const bool larger = is_larger_better(quantity);
   for (std::size_t row = 0; row < metrics.rows.size(); ++row) {
     const double value = number(metrics, row, quantity);
     if (std::isfinite(value)) values.push_back(value);
@@ -343,8 +351,8 @@ bool has_stalled(const CsvTable& metrics, const std::string& quantity, std::int6
   const auto recent = static_cast<std::size_t>(std::max<std::int64_t>(1, patience));
   if (values.size() <= recent) return false;
   const auto middle = values.end() - static_cast<std::ptrdiff_t>(recent);
-  const double before = *std::min_element(values.begin(), middle), since = *std::min_element(middle, values.end());
-  return since > before * (1.0 - gain);
+  if (larger) return *std::max_element(middle, values.end()) < *std::max_element(values.begin(), middle) * (1.0 + gain);
+  return *std::min_element(middle, values.end()) > *std::min_element(values.begin(), middle) * (1.0 - gain);
 }
 
 }  // namespace anigen::train

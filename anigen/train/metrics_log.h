@@ -97,8 +97,13 @@ struct RunFacts {
 /// to beside itself. @param metrics of metrics.csv (MetricsLog)
 std::string progress_page(const RunFolder& run, const CsvTable& metrics, const RunFacts& facts);
 
-/// True when the last `patience` values of a quantity, where smaller is better, hardly improve on the best before them:
-/// none is below (1 − gain) of it. False with fewer than patience + 1 values. @param metrics rows of metrics.csv
+/// True for a held-out metric that grows as models get better, by the first letters of its name: shares as IoU, F1,
+/// precision and recall, cosines, PSNR and SSIM; all others are errors. @param quantity such as "eval.iou_skl"
+bool is_larger_better(const std::string& quantity);
+
+/// True when the last `patience` values of a quantity hardly improve on the best before them: none is below (1 − gain)
+/// of it, or above (1 + gain) where larger is better. False with fewer than patience + 1 values.
+/// @param metrics rows of metrics.csv
 bool has_stalled(const CsvTable& metrics, const std::string& quantity, std::int64_t patience, double gain);
 
 }  // namespace anigen::train

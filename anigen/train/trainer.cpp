@@ -364,6 +364,8 @@ void Trainer::evaluate() {
 
 void Trainer::check_stop_rule() {
   if (options_.stop_metric.empty()) return;
+  if (!metrics_->table().rows.empty() && metrics_->table().column(options_.stop_metric) == CsvTable::kMissing)
+    log::warn("stop_metric: no evaluation has given {} so far, so that it ends nothing", options_.stop_metric);
   stalled_ = has_stalled(metrics_->table(), options_.stop_metric, options_.stop_patience, options_.stop_gain);
   if (stalled_) {
     log::info("{} has gained less than {:.1f} % in {} evaluations: the run ends", options_.stop_metric,

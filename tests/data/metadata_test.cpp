@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <set>
 #include <sstream>
 
@@ -156,6 +157,27 @@ TEST(SourceOptions, SmallerTrainingSharesArePartOfLargerOnesAndLeaveHeldOutAsset
   const std::size_t held = select(options).eval.size();
   options.train_share = 1;
   EXPECT_EQ(select(options).eval.size(), held);
+}
+
+TEST(Select, KeepsPosedVariantsWithTheirSource) {
+  const test::TemporaryFolder folder;
+  std::string table = "sha256,variant_of\n";
+  for (int i = 0; i < 100; ++i) {
+    const std::string id = "a" + std::to_string(i);
+    table += id + ",\n" + id + "x1," + id + "\n" + id + "x2," + id + "\n";
+  }
+  write_file_atomically(folder / "metadata.csv", table);
+  SourceOptions options;
+  options.data_dir = folder.path().string();
+  options.eval_fraction = 0.3;
+  options.train_share = 0.5;
+  const TrainAndEval chosen = select(options);
+  for (const std::vector<AssetId>* assets : {&chosen.train, &chosen.eval}) {
+    std::map<std::string, int> poses;
+    for (const AssetId& asset : *assets) ++poses[asset.id.substr(0, asset.id.find('x'))];
+    EXPECT_GT(poses.size(), 10u);
+    for (const auto& [id, count] : poses) EXPECT_EQ(count, 3) << id;
+  }
 }
 
 // A dataset of creatures, `rows` of "<id> <seed>/<index> <is_test>".

@@ -112,6 +112,23 @@ TEST_F(SkinCorrectionData, FeaturesAreComputedOnceAndAgainWhenSomethingChanges) 
   test::write_limb(data() / "skeleton/limb1/skeleton_voxelized.npz", 5, 0.08);
   made();
   EXPECT_NE(written("limb1"), other) << "another rig";
+  // Two rigs in files of one size.
+  const fs::path changed = data() / "skeleton/limb3/skeleton_voxelized.npz";
+  std::map<std::uintmax_t, double> radius_of_size;
+  double first_radius = 0.0, second_radius = 0.0;
+  for (int i = 1; first_radius == 0.0; ++i) {
+    ASSERT_LT(i, 1000);
+    second_radius = 0.08 + 1e-4 * i;
+    test::write_limb(changed, test::limb_joints(3), second_radius);
+    const auto [known, is_new] = radius_of_size.emplace(fs::file_size(changed), second_radius);
+    if (!is_new) first_radius = known->second;
+  }
+  test::write_limb(changed, test::limb_joints(3), first_radius);
+  made();
+  const auto unchanged = written("limb3");
+  test::write_limb(changed, test::limb_joints(3), second_radius);
+  made();
+  EXPECT_NE(written("limb3"), unchanged) << "a rig of the old one's size";
   const auto before = written("limb2");
   made({{"cached_vertices", 20}});
   EXPECT_NE(written("limb2"), before) << "another option";

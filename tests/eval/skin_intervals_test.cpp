@@ -47,6 +47,15 @@ TEST(SkeletonMeans, CountEverySkeletonOnce) {
   EXPECT_EQ(to_json(ours)["skin_l1"]["mean"], ours.mean[0]);
 }
 
+TEST(SkeletonMeans, DifferencesAreOfTheSameRigs) {
+  // Two rigs of one skeleton, of which the first method fails on the hard one.
+  SkinEvaluation evaluation = evaluation_of({{"a", 0.2}, {"a", 0.9}});
+  evaluation.assets[1].methods[0].failure = "no";
+  const SkeletonMeans theirs = over_skeletons(evaluation, 1);
+  EXPECT_NEAR(theirs.mean[0], 1.1, 1e-12);
+  EXPECT_NEAR(theirs.to_first[0].mean, 0.2, 1e-12) << "0.4 − 0.2, not 1.1 − 0.2";
+}
+
 TEST(SkeletonMeans, LeaveOutWhatHasNoScores) {
   SkinEvaluation evaluation = evaluation_of({{"a", 0.2}, {"b", 0.9}});
   evaluation.assets[1].methods[0].failure = "no";

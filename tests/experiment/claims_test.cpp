@@ -78,6 +78,11 @@ TEST_F(ExperimentClaims, AreJudgedByAssetsAndSeeds) {
   EXPECT_NEAR(results[0].by_seed[1], 0.2, 1e-9);
   EXPECT_EQ(results[1].verdict, Verdict::kRefuted);
   EXPECT_NEAR(results[1].by_asset.mean, -0.2, 1e-9);
+  // Seeds compare the assets that both sides have: the failure of the worst one is no advantage.
+  std::string text = "id,method,failure,j2j\n7,ours,broken,\n";
+  for (int i = 0; i < 7; ++i) text += std::to_string(i) + ",ours,," + std::to_string(0.8 + 0.01 * i) + "\n";
+  write_file_atomically(job_of(made, 2, "score").folder / "metrics.csv", text);
+  EXPECT_NEAR(judge_claims(read, made, place_.out)[0].by_seed[0], 0.2, 1e-9);
   // Seeds that disagree say nothing, however well the assets agree.
   scores(made, 2, 0.5);
   results = judge_claims(read, made, place_.out);

@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "anigen/core/config.h"
+#include "anigen/core/files.h"
 #include "anigen/experiment/plan.h"
 #include "tests/experiment/experiment_folder.h"
 
@@ -236,6 +237,10 @@ TEST_F(ShippedExperiments, AreReadAndPlanned) {
   for (const fs::path& file : shipped()) {
     SCOPED_TRACE(file.filename());
     const Experiment e = read_experiment(file);
+    if (read_file(file).find("{path:../rigs}") != std::string::npos && !fs::exists(test::source_dir() / "rigs")) {
+      EXPECT_NE(error_of([&] { make_plan(e, place_); }).find("rigs: no such file or folder"), std::string::npos);
+      continue;
+    }
     const Plan p = make_plan(e, place_);
     EXPECT_EQ(p.runs.size(), e.variants.size() * e.seeds.size());
     EXPECT_FALSE(e.purpose.empty());

@@ -81,6 +81,9 @@ TEST_F(ExperimentResults, MeansOverSeedsDifferencesOverAssets) {
   EXPECT_NEAR(result.differences[0].columns[0].mean, (5 * -0.5 - 1) / 6, 1e-12);  // the last asset: 6 against 7
   EXPECT_NE(to_markdown(mean_table(result)).find("**3.7500"), std::string::npos);
   EXPECT_NE(to_latex(mean_table(result)).find("\\textbf{3.7500 $\\pm$"), std::string::npos);
+  // Without a value for the hardest asset in any seed there is no place for it.
+  scores(2, {"1", "2", "3", "4", "5", ""});
+  EXPECT_EQ(to_markdown(mean_table(table())).find("**"), std::string::npos);
 }
 
 // A run that both seeds share counts once: its interval is over the assets, and not without width.

@@ -204,7 +204,7 @@ class EvaluateStructures : public testing::Test {
     request_.strengths = {0.0, 0.5, 3.0};
   }
 
-  void run(const std::string& name, const char* config) {
+  void run(const std::string& name, const std::string& config) {
     write_file_atomically(folder_ / (name + ".json"), config);
     train::TrainCommand command;
     command.config = folder_ / (name + ".json");
@@ -272,6 +272,22 @@ TEST_F(EvaluateStructures, RetrievalFindsAnAssetAmongItsOwnPictures) {
   const StructureEvaluation found = evaluate_structures(request_);
   EXPECT_EQ(found.scores[4].front().iou, 1.0);
   EXPECT_EQ(found.scores[5].front().iou, 1.0);
+}
+
+TEST_F(EvaluateStructures, RetrievalLeavesOutWhatTheTrainingHeldOut) {
+  // A flow that was trained on two of the three assets.
+  std::string config = kStructureFlowConfig;
+  const std::string at = "\"image_size\": 8}},";
+  config.insert(config.find(at) + at.find('}'), ", \"eval_split\": \"" + (folder_ / "test.txt").string() + "\"");
+  run("held", config);
+  request_.run = folder_ / "held";
+  request_.train_split.clear();
+  request_.retrieval_views = 2;
+  EXPECT_EQ(evaluate_structures(request_).methods.size(), 7u) << "the two are chosen from";
+  request_.splits = {folder_ / "train.txt"};
+  EXPECT_THROW(evaluate_structures(request_), InputError) << "neither these nor the one that was held out";
+  request_.retrieval_views = 0;
+  EXPECT_EQ(evaluate_structures(request_).ids.size(), 2u);
 }
 
 TEST_F(EvaluateStructures, TheSameSeedGivesTheSameNumbers) {

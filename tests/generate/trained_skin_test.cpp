@@ -27,7 +27,8 @@ namespace {
 namespace fs = std::filesystem;
 
 /// A run of a correction that gives a mixture of the classical weights, raised to a power.
-void write_correction(const fs::path& run, double sharpening, const std::string& fold = "") {
+void write_correction(const fs::path& run, double sharpening, const std::string& fold = "",
+                      const std::string& data = "") {
   const torch::NoGradGuard no_grad;
   skin_correction::SkinCorrectionOptions options;
   options.candidates = 5;
@@ -42,7 +43,8 @@ void write_correction(const fs::path& run, double sharpening, const std::string&
   Json config = {
       {"models",
        {{"skin_correction", {{"name", skin_correction::kSkinCorrectionClass}, {"args", options.to_json()}}}}}};
-  if (!fold.empty()) config["dataset"] = {{"name", "AniGenSkinCorrections"}, {"args", {{"fold", fold}}}};
+  if (!fold.empty())
+    config["dataset"] = {{"name", "AniGenSkinCorrections"}, {"args", {{"fold", fold}, {"data_dir", data}}}};
   fs::create_directories(run / "ckpts");
   write_file_atomically(run / "config.json", config.dump(2));
   io::write_safetensors(run / "ckpts/skin_correction_step0000001.safetensors", nn::state_dict(*model));
@@ -162,6 +164,28 @@ TEST_F(TrainedSkins, OfFoldsEachRealRigGetsTheRunThatHasNotSeenIt) {
   expect_error([&] { skin_correction_methods({folder_ / "fold0", folder_ / "of_three"}, settings); }, "folds");
   expect_error([&] { skin_correction_methods({folder_ / "fold0", run()}, settings); }, "fold of its own");
   expect_error([&] { skin_correction_methods({}, settings); }, "--skin-run");
+}
+
+TEST_F(TrainedSkins, FoldsFollowTheTreesOfTheTraining) {
+  // Evaluated with joints that the training's repairs had merged: its tree decides who has not seen the rig.
+  test::write_limb_dataset(folder_ / "trained", 1);
+  test::write_limb_dataset(folder_ / "evaluated", 1);
+  const std::string trained = (folder_ / "trained").string();
+  const io::DatasetItem item = io::list_dataset(folder_ / "evaluated").front();
+  const std::string own = data::skeleton_signature_of({trained, item.id});
+  int joints = 3;
+  do {
+    test::write_limb(folder_ / "evaluated/skeleton" / item.id / "skeleton_voxelized.npz", ++joints, 0.05);
+  } while (data::SkeletonFold{0, 2}.holds(data::skeleton_signature_of({folder_ / "evaluated", item.id})) ==
+           data::SkeletonFold{0, 2}.holds(own));
+  const std::string held = data::SkeletonFold{0, 2}.holds(own) ? "0/2" : "1/2", seen = held == "0/2" ? "1/2" : "0/2";
+  write_correction(folder_ / "held", 0.0, held, "/gone," + trained);
+  write_correction(folder_ / "seen", 0.0, seen, "/gone," + trained);
+  Json settings = Json::object();
+  const eval::GroundTruth truth = eval::read_ground_truth(folder_ / "evaluated", item.id);
+  EXPECT_FALSE(skin_correction_methods({folder_ / "held"}, settings)[0].predict(item, truth).empty());
+  expect_error([&] { skin_correction_methods({folder_ / "seen"}, settings)[0].predict(item, truth); },
+               "held its skeleton out");
 }
 
 }  // namespace

@@ -26,6 +26,19 @@ TEST(HasStalled, AsksWhetherTheLastEvaluationsImproveOnTheBestBefore) {
   EXPECT_FALSE(has_stalled(evaluations({"1", "1", "1"}), "eval.unknown", 1, 0.02));
 }
 
+TEST(HasStalled, KnowsMetricsThatGrow) {
+  CsvTable table = evaluations({"0.011", "0.329", "0.423", "0.623"});
+  table.columns[2] = "eval.iou_skl";
+  EXPECT_FALSE(has_stalled(table, "eval.iou_skl", 3, 0.02)) << "better each time";
+  table = evaluations({"0.2", "0.6", "0.601", "0.5"});
+  table.columns[2] = "eval.recall";
+  EXPECT_TRUE(has_stalled(table, "eval.recall", 2, 0.02));
+  for (const char* name : {"eval.f1_shape", "eval.cos", "eval.precision", "eval.iou"})
+    EXPECT_TRUE(is_larger_better(name)) << name;
+  for (const char* name : {"eval.l1", "eval.kl", "eval.cd", "eval.chamfer", "eval.real_l1", "eval.joint_count_error"})
+    EXPECT_FALSE(is_larger_better(name)) << name;
+}
+
 TEST(ProgressPage, HasCurvesHoursAndTheNewestSamples) {
   const test::TemporaryFolder folder;
   for (const char* step : {"step9", "step10"}) {
