@@ -27,7 +27,7 @@ while [ $# -gt 0 ]; do
     --image) image=$(cd "$here" && realpath -e -- "$2" 2>/dev/null) || refuse "no such picture: $2"; shift 2 ;;
     --creatures) creatures=$2; shift 2 ;;
     --rigs) rigs=$(cd "$here" && cd "$2" && pwd); shift 2 ;;
-    --output) output=$2; shift 2 ;;
+    --output) output=$(cd "$here" && realpath -m -- "$2"); shift 2 ;;
     -h|--help) sed -n '2,17s/^# \{0,1\}//p' "$0"; exit 0 ;;
     *) refuse "unknown option '$1'; see --help" ;;
   esac
