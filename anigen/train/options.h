@@ -27,12 +27,12 @@ struct TrainerOptions {
 
   // Ours.
   std::uint64_t seed = 0;
-  double max_minutes = 0.0;                 ///< stop after that much training time, over all resumed runs; 0: no limit
-  std::int64_t i_eval = 0;                  ///< steps between evaluations on held-out assets; 0: never
-  std::string stop_metric;                  ///< a held-out metric ("eval.…", is_larger_better()) that ends the run …
-  std::int64_t stop_patience = 3;           ///< … when so many evaluations in a row …
-  double stop_gain = 0.02;                  ///< … gain less than this share of the best before; empty: never
-  std::size_t replicas = 1;                 ///< copies of the models that work on micro-batches at the same time
+  double max_minutes = 0.0;        ///< stop after that much training time, over all resumed runs; 0: no limit
+  std::int64_t i_eval = 0;         ///< steps between evaluations on held-out assets; 0: never
+  std::string stop_metric;         ///< a held-out metric ("eval.…", is_larger_better()) that ends the run …
+  std::int64_t stop_patience = 3;  ///< … when so many evaluations in a row …
+  double stop_gain = 0.02;         ///< … gain less than this share of the best before; empty: never
+  std::size_t replicas = 1;        ///< copies of the models that work on micro-batches at the same time
   std::string compatibility = "published";  ///< or "paper": which side of a documented difference to take
   std::string precision;  ///< "fp32", "fp64", "bf16", "mixed", "mixed-emulated", "fp16-published"; empty: fp16_mode
                           ///< decides (precision.h)
