@@ -196,6 +196,7 @@ void add_errors(py::module_& m) {
   static py::exception<Error> error(m, "Error", PyExc_RuntimeError);
   static py::exception<InputError> input(m, "InputError", PyExc_ValueError);
   static py::exception<Interrupted> interrupted(m, "Interrupted", PyExc_RuntimeError);
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): a translator has this type.
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);
