@@ -170,6 +170,8 @@ async function edit(user, job) {
   await bound('centre');
   await user.set('preset', 'chain');
   await user.click('#rename_all');
+  // The rig is bound before it gets its names: a stroke meanwhile would stand before the names' step of the history.
+  await user.until(`${text('bound')} === 'renamed'`, 'names by preset');
   await bound('names by preset');
   say(`joints edited; weights followed ${drafts} times in a drag`);
   await paint(user, job, bound);
