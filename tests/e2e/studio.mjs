@@ -169,9 +169,21 @@ async function edit(user, job) {
   await user.click('#centre_joint');
   await bound('centre');
   await user.set('preset', 'chain');
+  // The rig is bound before it gets its names, and nothing can be edited meanwhile.
+  const old = await names(), steps = await user.value('studio.editor.past.length');
   await user.click('#rename_all');
-  // The rig is bound before it gets its names: a stroke meanwhile would stand before the names' step of the history.
+  const held = await user.value(`(() => {
+    const held = document.getElementById('edit_tools').disabled || ${text('bound')} === 'renamed';
+    if (${text('bound')} !== 'renamed') document.getElementById('add_joint').click();
+    return held;
+  })()`);
   await user.until(`${text('bound')} === 'renamed'`, 'names by preset');
+  expect(held && await user.value('studio.editor.past.length') === steps + 1, 'joints can be edited while names come');
+  expect(!await user.value(`document.getElementById('edit_tools').disabled`), 'the editor stays locked after names came');
+  await user.click('#undo');
+  await user.until(`/^bound in/.test(${text('bound')})`, 'undo of names');
+  expect((await names()).join() === old.join(), 'one step back does not take the names');
+  await user.click('#redo');
   await bound('names by preset');
   say(`joints edited; weights followed ${drafts} times in a drag`);
   await paint(user, job, bound);

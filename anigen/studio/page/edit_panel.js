@@ -2,7 +2,8 @@
 import {$, chosenJob, element, fail, guarded, post, state} from '/base.js';
 import {playClip, clipName, showClips} from '/motions.js';
 
-let binding = false, again = false, drafting = false, turn = 0;
+let binding, wanted;  // promise of bindAll() while it runs; id of the job whose rig it is to bind next
+let drafting = false, turn = 0;
 
 const editor = () => state.editor;
 
@@ -33,29 +34,33 @@ async function draft() {
   }
 }
 
-const rebind = guarded(async () => {
-  if (binding) return void (again = true);
-  binding = true;
+// Binds the rig as it is edited now; further wishes meanwhile become one more round. Gives true once the stage shows the
+// last of them, and otherwise when it failed, or when the stage went on to something else.
+function rebind() {
+  wanted = state.chosen;
+  return binding ??= guarded(bindAll)().finally(() => binding = undefined);
+}
+
+async function bindAll() {
+  let shown = false;
   try {
-    do {
-      again = false;
+    while (wanted !== undefined && wanted === state.chosen && editor().active) {
+      const of = wanted, started = performance.now();
+      wanted = undefined;
       ++turn;
-      const of = state.chosen, started = performance.now();
       $('bound').textContent = 'binding …';
       const answer = await post(`/v1/jobs/${of}/rebind`, wish());
       const bytes = await answer.arrayBuffer();
-      if (of !== state.chosen || !editor().active) return;
       const all = Math.round(performance.now() - started);
-      if (!await showEdited(of, bytes)) return;
-      $('bound').textContent = `bound in ${answer.headers.get('x-bind-milliseconds')} ms, ${all} ms with motions and transfer`;
-    } while (again);
+      shown = of === state.chosen && editor().active && await showEdited(of, bytes);
+      if (shown) $('bound').textContent = `bound in ${answer.headers.get('x-bind-milliseconds')} ms, ${all} ms with motions and transfer`;
+    }
   } catch (problem) {
     $('bound').textContent = '';
     throw problem;
-  } finally {
-    binding = false;
   }
-});
+  return shown;
+}
 
 // Puts an edited rig of the same joints on the stage. Gives false when the stage has gone on to something else.
 async function showEdited(of, bytes) {
@@ -72,10 +77,25 @@ async function showEdited(of, bytes) {
 
 const follow = () => $('follow').checked ? rebind() : undefined;
 
-// Names of a preset for all joints; the studio knows which joint is which.
+// Names of a preset for all joints; the studio knows which joint is which. Nothing can be edited until they are there: an
+// edit meanwhile would stand before their step of the history.
 const renameAll = guarded(async () => {
+  hold(true);
+  try {
+    await nameAll();
+  } finally {
+    hold(false);
+  }
+});
+
+function hold(held) {
+  editor().hold(held);
+  $('edit_tools').disabled = held;
+}
+
+async function nameAll() {
   const of = state.chosen;
-  if (editor().past.length > 0) await rebind();
+  if (editor().past.length > 0 && !await rebind()) return;
   const bytes = await (await post(`/v1/jobs/${of}/rename`, {names: $('preset').value})).arrayBuffer();
   if (of !== state.chosen || !editor().active) return;
   const before = editor().joints;
@@ -86,7 +106,7 @@ const renameAll = guarded(async () => {
   editor().renameAll(new Set(names).size === names.length ? names : after.map((joint) => joint.name));
   editor().paint();
   $('bound').textContent = 'renamed';
-});
+}
 
 export function showEditor() {
   const {joints, chosen, past, undone, merging} = editor(), has = chosen >= 0;
@@ -154,7 +174,7 @@ const kStep = 0.01;  // of the mesh's size
 
 function addKeys() {
   document.addEventListener('keydown', (event) => {
-    if (state.tab !== 'edit' || !editor()?.active) return;
+    if (state.tab !== 'edit' || !editor()?.active || editor().held) return;
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === 'z') {
       event.preventDefault();
       $(event.shiftKey ? 'redo' : 'undo').click();

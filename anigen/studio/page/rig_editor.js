@@ -15,6 +15,7 @@ export class RigEditor extends Undoable {
     Object.assign(this, {stage, changed, moving, dropped});
     this.active = false;
     this.painting = false;  // presses are the brush's
+    this.held = false;      // nothing can be edited
     this.snaps = true;      // joints go to the middle of the mesh under the cursor
     this.handle = new THREE.Object3D();
     this.gizmo = new TransformControls(stage.camera, stage.renderer.domElement);
@@ -29,7 +30,7 @@ export class RigEditor extends Undoable {
     });
     this.helper = this.gizmo.getHelper ? this.gizmo.getHelper() : this.gizmo;
     this.drag = new JointDrag(stage, {
-      active: () => this.active && !this.painting && !this.gizmo.dragging,
+      active: () => this.active && !this.held && !this.painting && !this.gizmo.dragging,
       places: () => this.places(),
       nearOnly: (j) => j === this.chosen || Boolean(this.gizmo.axis),
       taken: (j) => this.take(j),
@@ -133,6 +134,11 @@ export class RigEditor extends Undoable {
     this.painting = painting;
     if (!painting) this.unpainted?.();
     if (this.active) this.choose(this.chosen);
+  }
+
+  hold(held) {
+    this.held = held;
+    this.gizmo.enabled = !held;
   }
 
   // --- Undo ---

@@ -41,6 +41,7 @@ export class WeightBrush {
     const first = this.hit(event);
     if (first === undefined) return;  // beside the mesh: the camera turns
     event.stopPropagation();
+    if (this.editor.held) return;
     const {editor} = this, joint = editor.joints[editor.chosen]?.name;
     if (joint === undefined) return this.refuse('Choose a joint first: the brush paints its weights.');
     if (editor.strokes.length >= kMostStrokes) return this.refuse(`This rig has ${kMostStrokes} strokes already.`);
