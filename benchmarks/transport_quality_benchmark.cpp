@@ -2,7 +2,7 @@
 // solvers' methods (conditional gradient, projected gradient and proximal point, each from many random couplings), from
 // the search itself with many more rounds.
 //   benchmark_transport_quality --search FILE.csv [STARTS]   looks for better couplings and writes the best known
-//   benchmark_transport_quality FILE.csv                     compares the search with them
+//   benchmark_transport_quality FILE.csv [ROUNDS]            compares the search with them; ROUNDS: `perturbations`
 // The pairs are drawn from fixed streams: 67 of random trees, 67 of rings, 66 of symmetric creatures with perturbed
 // bones, 10 to 120 points a side.
 #include <time.h>
@@ -255,7 +255,7 @@ struct Row {
   std::vector<double> milliseconds;
 };
 
-void compare(const std::string& file) {
+void compare(const std::string& file, const anigen::metrics::GromovWassersteinOptions& options) {
   const anigen::CsvTable table = anigen::read_csv(file);
   if (table.rows.size() != kPairs) throw anigen::InputError(file, "", "has not one row for each of the 200 pairs");
   std::map<std::string, Row> rows;
@@ -264,7 +264,7 @@ void compare(const std::string& file) {
   for (std::size_t i = 0; i < kPairs; ++i) {
     const Pair pair = pair_of(i);
     const double began = computed_ms();
-    const double cost = anigen::metrics::gromov_wasserstein(pair.c1, pair.c2, pair.a, pair.b).cost;
+    const double cost = anigen::metrics::gromov_wasserstein(pair.c1, pair.c2, pair.a, pair.b, {}, options).cost;
     const double took = computed_ms() - began;
     const double best = std::stod(table.cell(i, "cost"));
     const double miss = std::sqrt(cost / best) - 1.0;
@@ -301,13 +301,15 @@ int main(int argc, char** argv) {
   anigen::keep_freed_memory();
   const std::vector<std::string> words(argv + 1, argv + argc);
   try {
-    if (words.size() == 1) return compare(words[0]), 0;
     if (words.size() >= 2 && words[0] == "--search")
       return search(words[1], words.size() > 2 ? std::stoi(words[2]) : 100), 0;
+    anigen::metrics::GromovWassersteinOptions options;
+    if (words.size() == 2) options.perturbations = std::stoi(words[1]);
+    if (words.size() == 1 || words.size() == 2) return compare(words[0], options), 0;
   } catch (const anigen::Error& error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 2;
   }
-  std::fputs("usage: benchmark_transport_quality [--search] FILE.csv [STARTS]\n", stderr);
+  std::fputs("usage: benchmark_transport_quality FILE.csv [ROUNDS] | --search FILE.csv [STARTS]\n", stderr);
   return 2;
 }

@@ -200,14 +200,17 @@ GromovWasserstein GwSearch::run() const {
     for (std::size_t k = 0; k < points.size(); ++k)
       result.costs.emplace_back(starts_to_try[k].name, true_cost(numbers, points[k].cells, alpha));
     Rng rng(options.seed, "gromov_wasserstein");
+    const bool trees = problem.tree1 && problem.tree2;
     bool exchanged = false;
     const double affordable =
         std::min(1.0, kFullSearchCells / static_cast<double>(problem.c1.rows() * problem.c2.rows()));
     const double least = options.perturbations * affordable;
     double rounds = least;
     for (int round = 0; round < rounds; ++round) {
-      const double reached = problem.units.uniform && round % 2 == 1 ? descent.perturb_neighbourhoods(best, rng)
-                                                                     : descent.perturb(best, 2 + round % 4, rng);
+      const bool swaps = problem.units.uniform && round % 3 != 0;
+      const double reached = !swaps                    ? descent.perturb(best, 2 + round % 4, rng)
+                             : trees && round % 3 == 2 ? descent.perturb_branches(best, rng)
+                                                       : descent.perturb_neighbourhoods(best, rng);
       if (reached >= best.objective - resolution) continue;
       best = descent.current();
       exchanged = true;

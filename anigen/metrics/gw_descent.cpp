@@ -13,7 +13,8 @@ namespace {
 constexpr int kConditionalGradientSteps = 100;
 constexpr int kSweeps = 200;
 constexpr int kTurns = 20;
-constexpr std::size_t kNear = 8;  // points among which a near exchange finds its partner
+constexpr std::size_t kNear = 8;   // points among which a near exchange finds its partner
+constexpr double kLikeSize = 0.7;  // branches of like size
 
 double inner(const RowMatrix& matrix, const std::vector<PlanCell>& cells) {
   double sum = 0.0;
@@ -40,6 +41,13 @@ std::vector<PlanCell> mixed(const std::vector<PlanCell>& x, const std::vector<Pl
   return result;
 }
 
+// Joints of the branch that begins at each joint of a tree in preorder.
+std::vector<int> branch_sizes(const MetricTree& tree) {
+  std::vector<int> sizes(tree.parents.size(), 1);
+  for (std::size_t k = sizes.size(); k-- > 1;) sizes[at(tree.parents[k])] += sizes[k];
+  return sizes;
+}
+
 }  // namespace
 
 GwDescent::GwDescent(const GwProblem& problem)
@@ -48,6 +56,7 @@ GwDescent::GwDescent(const GwProblem& problem)
       linear_program_(problem.units),
       index_(at(problem.rows()) * at(problem.columns()), -1),
       waiting_(at(problem.rows()), 0),
+      lever_(at(problem.rows())),
       step_(at(problem.columns())) {}
 
 GwPoint GwDescent::from(const std::vector<PlanCell>& start) {
@@ -133,12 +142,43 @@ double GwDescent::perturb_neighbourhoods(const GwPoint& start, Rng& rng) {
       from.push_back(theirs[k]), to.push_back(mine[i]);
     }
   }
+  swap_partners(rows, from, to);
+  exchange_waiting_rows();
+  return problem_.objective(cells_, gradient_);
+}
+
+double GwDescent::perturb_branches(const GwPoint& start, Rng& rng) {
+  set(start.cells, start.gradient);
+  std::fill(waiting_.begin(), waiting_.end(), char{0});
+  const bool rows = rng.chance(0.5);
+  std::vector<int>& sizes = rows ? branch_rows_ : branch_columns_;
+  if (sizes.empty()) sizes = branch_sizes(rows ? *problem_.tree1 : *problem_.tree2);
+  const int joints = static_cast<int>(sizes.size());
+  if (joints < 3) return start.objective;
+  const int one = 1 + static_cast<int>(rng.index(at(joints - 1)));
+  const auto apart = [&](int other) { return other >= one + sizes[at(one)] || one >= other + sizes[at(other)]; };
+  std::vector<int> others;
+  for (int other = 1; other < joints; ++other) {
+    const int less = std::min(sizes[at(one)], sizes[at(other)]), more = std::max(sizes[at(one)], sizes[at(other)]);
+    if (other != one && apart(other) && less >= kLikeSize * more) others.push_back(other);
+  }
+  if (others.empty()) return start.objective;
+  const int other = others[rng.index(others.size())];
+  std::vector<int> from, to;
+  for (int k = 0; k < std::min(sizes[at(one)], sizes[at(other)]); ++k) {
+    from.push_back(one + k), to.push_back(other + k);
+    from.push_back(other + k), to.push_back(one + k);
+  }
+  swap_partners(rows, from, to);
+  exchange_waiting_rows();
+  return problem_.objective(cells_, gradient_);
+}
+
+void GwDescent::swap_partners(bool rows, const std::vector<int>& from, const std::vector<int>& to) {
   if (rows)
     move_rows(from, to);
   else
     move_columns(from, to);
-  exchange_waiting_rows();
-  return problem_.objective(cells_, gradient_);
 }
 
 int GwDescent::conditional_gradient(std::vector<PlanCell>& cells, int max_iterations) {
@@ -232,10 +272,8 @@ void GwDescent::exchange(std::size_t e, std::size_t f) {
   for (int k = 0; k < columns; ++k) step_[at(k)] = factor * (to[k] - away[k]);
   const double* from_row = problem_.c1.row(x.row).data();
   const double* from_other = problem_.c1.row(y.row).data();
-  for (int i = 0; i < problem_.rows(); ++i) {
-    const double lever = from_row[i] - from_other[i];
-    kernels::add_scaled(lever, step_.data(), gradient_.row(i).data(), columns);
-  }
+  for (int i = 0; i < problem_.rows(); ++i) lever_[at(i)] = from_row[i] - from_other[i];
+  kernels::add_outer(lever_.data(), step_.data(), gradient_.data(), problem_.rows(), columns);
 }
 
 void GwDescent::add(int row, int column, double mass) {

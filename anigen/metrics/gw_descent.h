@@ -38,6 +38,10 @@ class GwDescent {
   /// are the points nearest to two random ones, on either side. @pre equal masses
   double perturb_neighbourhoods(const GwPoint& start, Rng& rng);
 
+  /// Exchanges the partners of two branches of about one size in one of the trees, joint by joint, then descends as
+  /// perturb() does: equal limbs are found in one step. @pre equal masses; both metrics are trees, numbered in preorder
+  double perturb_branches(const GwPoint& start, Rng& rng);
+
   GwPoint current() const { return {cells_, problem_.objective(cells_, gradient_), gradient_}; }
 
   /// Conditional gradient alone. @return iterations done
@@ -52,6 +56,7 @@ class GwDescent {
   void move_rows(const std::vector<int>& from, const std::vector<int>& to);
   void move_columns(const std::vector<int>& from, const std::vector<int>& to);
   std::size_t near_cell(std::size_t e, Rng& rng);
+  void swap_partners(bool rows, const std::vector<int>& from, const std::vector<int>& to);
   const std::vector<int>& by_distance(bool rows, std::size_t point);
 
   const GwProblem& problem_;
@@ -61,8 +66,9 @@ class GwDescent {
   std::vector<int> index_;     // cell at (row, column), or -1
   std::vector<char> waiting_;  // rows whose cells may have found new partners
   RowMatrix gradient_;
-  std::vector<double> step_;
+  std::vector<double> lever_, step_;
   std::vector<std::vector<int>> nearest_rows_, nearest_columns_;  // of each point, itself first; filled when needed
+  std::vector<int> branch_rows_, branch_columns_;                 // joints of the branch that begins at each; likewise
 };
 
 }  // namespace anigen::metrics

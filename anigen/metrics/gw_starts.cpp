@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <map>
 #include <utility>
 
 #include "anigen/core/numeric.h"
@@ -27,7 +26,8 @@ Eigen::VectorXd along_diameter(const RowMatrix& c) {
 }
 
 constexpr int kPowerSteps = 60;
-constexpr std::int64_t kTurnsTried = 48;
+constexpr std::int64_t kTurnsTried = 48;      // at least, of either sense
+constexpr std::int64_t kTurnPairs = 1 << 22;  // and more as long as they have no more pairs of cells together
 constexpr std::size_t kCyclicStarts = 4;
 
 // Points in the order of their angles in the plane of the two largest eigenvectors of −J D² J, J the centring.
@@ -128,39 +128,38 @@ GwSparseStart profile_start(const GwProblem& problem, const RowMatrix& costs) {
 std::vector<GwSparseStart> cyclic_starts(const GwProblem& problem) {
   std::vector<GwSparseStart> starts;
   if (problem.rows() < 4 || problem.columns() < 4) return starts;
-  const std::vector<int> rows = by_angle(problem.c1);
-  std::vector<int> columns = by_angle(problem.c2);
-  const std::int64_t total = problem.units.total, stride = std::max<std::int64_t>(1, total / kTurnsTried);
-  std::vector<Turn> found;
+  const std::vector<int> rows = by_angle(problem.c1), columns = by_angle(problem.c2);
+  const std::vector<int> backwards(columns.rbegin(), columns.rend());
+  const std::int64_t total = problem.units.total, cells = problem.rows() + problem.columns();
+  const std::int64_t stride = std::max<std::int64_t>(1, total / std::max(kTurnsTried, kTurnPairs / (cells * cells)));
+  const auto coupling = [&](const Turn& turn) {
+    return turned_coupling(problem.units, rows, turn.reversed ? backwards : columns, turn.turn);
+  };
+  const auto tried = [&](std::int64_t turn, bool reversed) {
+    Turn result{0.0, ((turn % total) + total) % total, reversed};
+    result.cost = bilinear(problem, coupling(result));
+    return result;
+  };
+  const auto cheaper = [](const Turn& x, const Turn& y) { return x.cost < y.cost; };
+  std::vector<Turn> valleys;
   for (const bool reversed : {false, true}) {
-    if (reversed) std::reverse(columns.begin(), columns.end());
-    std::map<std::int64_t, double> costs;
-    const auto cost = [&](std::int64_t turn) {
-      turn = ((turn % total) + total) % total;
-      const auto known = costs.find(turn);
-      if (known != costs.end()) return known->second;
-      return costs[turn] = bilinear(problem, turned_coupling(problem.units, rows, columns, turn));
-    };
-    for (std::int64_t turn = 0; turn < total; turn += stride) cost(turn);
-    // The cost is nearly smooth in the turn: the valleys of the coarse turns are followed down to single units.
-    const std::map<std::int64_t, double> coarse = costs;
-    for (const auto& [turn, value] : coarse) {
-      if (cost(turn - stride) < value || cost(turn + stride) < value) continue;
-      std::int64_t best = turn;
-      for (std::int64_t step = std::max<std::int64_t>(1, stride / 2); step > 0; step /= 2) {
-        while (cost(best + step) < cost(best)) best += step;
-        while (cost(best - step) < cost(best)) best -= step;
-      }
-      found.push_back({cost(best), ((best % total) + total) % total, reversed});
+    std::vector<Turn> coarse;
+    for (std::int64_t turn = 0; turn < total; turn += stride) coarse.push_back(tried(turn, reversed));
+    for (std::size_t k = 0; k < coarse.size(); ++k) {
+      const Turn &before = coarse[(k + coarse.size() - 1) % coarse.size()], &after = coarse[(k + 1) % coarse.size()];
+      if (!cheaper(before, coarse[k]) && !cheaper(after, coarse[k])) valleys.push_back(coarse[k]);
     }
   }
-  std::sort(found.begin(), found.end(), [](const Turn& x, const Turn& y) { return x.cost < y.cost; });
-  std::reverse(columns.begin(), columns.end());  // as at first
-  std::vector<int> backwards(columns.rbegin(), columns.rend());
-  for (std::size_t k = 0; k < found.size() && starts.size() < kCyclicStarts; ++k) {
-    const std::vector<int>& order = found[k].reversed ? backwards : columns;
-    starts.push_back({"turn", turned_coupling(problem.units, rows, order, found[k].turn)});
+  std::sort(valleys.begin(), valleys.end(), cheaper);
+  valleys.resize(std::min(valleys.size(), kCyclicStarts));
+  // The cost has a vertex at every unit, and the least of them is seldom the one that lies downhill: all are tried.
+  for (Turn& valley : valleys) {
+    const Turn centre = valley;
+    for (std::int64_t step = 1 - stride; step < stride; ++step)
+      valley = std::min(valley, tried(centre.turn + step, centre.reversed), cheaper);
   }
+  std::sort(valleys.begin(), valleys.end(), cheaper);
+  for (const Turn& valley : valleys) starts.push_back({"turn", coupling(valley)});
   return starts;
 }
 

@@ -57,9 +57,15 @@ ANIGEN_EXACT_KERNEL(double, least, (const double* values, int n), (values, n)) {
   return least_of(lanes);
 }
 
-ANIGEN_EXACT_KERNEL(void, add_scaled, (double lever, const double* __restrict step, double* __restrict row, int n),
-                    (lever, step, row, n)) {
-  for (int k = 0; k < n; ++k) row[k] += lever * step[k];
+ANIGEN_EXACT_KERNEL(void, add_outer,
+                    (const double* __restrict levers, const double* __restrict step, double* __restrict values, int n,
+                     int m),
+                    (levers, step, values, n, m)) {
+  for (int i = 0; i < n; ++i) {
+    const double lever = levers[i];
+    double* __restrict row = values + static_cast<std::ptrdiff_t>(i) * m;
+    for (int k = 0; k < m; ++k) row[k] += lever * step[k];
+  }
 }
 
 }  // namespace anigen::metrics::kernels

@@ -15,8 +15,8 @@ double relax(const double* costs, const double* potential, double offset, double
 
 double least(const double* values, int n);
 
-/// row[k] += lever · step[k]
-void add_scaled(double lever, const double* step, double* row, int n);
+/// values[i, k] += levers[i] · step[k] of a matrix of n rows and m columns that lie one after the other
+void add_outer(const double* levers, const double* step, double* values, int n, int m);
 
 }  // namespace anigen::metrics::kernels
 

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <limits>
+
 #include "anigen/core/numeric.h"
 #include "anigen/metrics/gromov_wasserstein.h"
 #include "anigen/metrics/gw_starts.h"
@@ -32,6 +35,17 @@ Eigen::MatrixXd random_ring(std::size_t points, Rng& rng) {
   });
 }
 
+void expect_exact(const GwProblem& problem, const GwPoint& point, double reached) {
+  std::vector<double> rows(at(problem.rows())), columns(at(problem.columns()));
+  for (const PlanCell& cell : point.cells) rows[at(cell.row)] += cell.mass, columns[at(cell.column)] += cell.mass;
+  for (std::size_t i = 0; i < rows.size(); ++i) EXPECT_EQ(rows[i], static_cast<double>(problem.units.supplies[i]));
+  for (std::size_t k = 0; k < columns.size(); ++k) EXPECT_EQ(columns[k], static_cast<double>(problem.units.demands[k]));
+  // The gradient that was carried along is that of the coupling.
+  const RowMatrix exact = problem.gradient(point.cells);
+  EXPECT_LT((point.gradient - exact).cwiseAbs().maxCoeff(), 1e-9 * (1.0 + exact.cwiseAbs().maxCoeff()));
+  EXPECT_NEAR(reached, problem.objective(point.cells), 1e-9 * (1.0 + std::abs(reached)));
+}
+
 TEST(GwDescent, NeighbourhoodsExchangePartnersAndNothingElse) {
   Rng rng(7, "gw_descent_test");
   for (int trial = 0; trial < 60; ++trial) {
@@ -39,18 +53,34 @@ TEST(GwDescent, NeighbourhoodsExchangePartnersAndNothingElse) {
                                               tree_geodesics(test::random_tree(5 + rng.index(25), rng)));
     GwDescent descent(problem);
     const GwPoint start = descent.from(sorted_starts(problem)[0].cells);
+    expect_exact(problem, descent.current(), start.objective);
     const double reached = descent.perturb_neighbourhoods(start, rng);
-    const GwPoint point = descent.current();
-    std::vector<double> rows(at(problem.rows())), columns(at(problem.columns()));
-    for (const PlanCell& cell : point.cells) rows[at(cell.row)] += cell.mass, columns[at(cell.column)] += cell.mass;
-    for (std::size_t i = 0; i < rows.size(); ++i) EXPECT_EQ(rows[i], static_cast<double>(problem.units.supplies[i]));
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      EXPECT_EQ(columns[k], static_cast<double>(problem.units.demands[k]));
-    // The gradient that was carried along is that of the coupling.
-    const RowMatrix exact = problem.gradient(point.cells);
-    EXPECT_LT((point.gradient - exact).cwiseAbs().maxCoeff(), 1e-9 * (1.0 + exact.cwiseAbs().maxCoeff()));
-    EXPECT_NEAR(reached, problem.objective(point.cells), 1e-9 * (1.0 + std::abs(reached)));
+    expect_exact(problem, descent.current(), reached);
   }
+}
+
+// A tree in preorder, by way of the tree of its distances.
+MetricTree preorder_tree(std::size_t joints, Rng& rng) {
+  const MetricTree tree = *metric_tree(tree_geodesics(test::random_tree(joints, rng)));
+  const Eigen::VectorXd masses = uniform_masses(joints);
+  return canonical_order({tree, masses, {}}, {tree, masses, {}}).first_tree;
+}
+
+TEST(GwDescent, BranchesExchangePartnersAndNothingElse) {
+  Rng rng(8, "gw_descent_test");
+  int changed = 0;
+  for (int trial = 0; trial < 60; ++trial) {
+    const MetricTree one = preorder_tree(2 + rng.index(25), rng), other = preorder_tree(2 + rng.index(25), rng);
+    GwProblem problem = descent_problem(path_lengths(one), path_lengths(other));
+    problem.tree1 = one;
+    problem.tree2 = other;
+    GwDescent descent(problem);
+    const GwPoint start = descent.from(sorted_starts(problem)[0].cells);
+    const double reached = descent.perturb_branches(start, rng);
+    expect_exact(problem, descent.current(), reached);
+    changed += reached != start.objective ? 1 : 0;
+  }
+  EXPECT_GT(changed, 10);
 }
 
 TEST(GwStarts, ATurnedAndMirroredRingIsFound) {
@@ -64,6 +94,34 @@ TEST(GwStarts, ATurnedAndMirroredRingIsFound) {
     });
     const Eigen::VectorXd masses = uniform_masses(points);
     EXPECT_LT(gromov_wasserstein(ring, other, masses, masses).value, 1e-7) << points;
+  }
+}
+
+// Cost of the monotone coupling of two rings whose points are numbered along them, with the second turned by so many
+// units of mass: plainly, unit by unit.
+double turned_cost(const GwProblem& problem, std::size_t turn, bool reversed) {
+  const std::size_t total = static_cast<std::size_t>(problem.units.total);
+  const std::size_t n = at(problem.rows()), m = at(problem.columns());
+  RowMatrix plan = RowMatrix::Zero(problem.rows(), problem.columns());
+  for (std::size_t unit = 0; unit < total; ++unit) {
+    const std::size_t row = unit * n / total, column = ((unit + turn) % total) * m / total;
+    plan(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(reversed ? m - 1 - column : column)) +=
+        1.0 / static_cast<double>(total);
+  }
+  return gw_cost(problem.c1, problem.c2, plan);
+}
+
+TEST(GwStarts, NoTurnOfTwoRingsIsCheaperThanWhatIsFound) {
+  Rng rng(5, "gw_descent_test");
+  for (int trial = 0; trial < 12; ++trial) {
+    const Eigen::MatrixXd one = random_ring(8 + rng.index(12), rng), other = random_ring(8 + rng.index(12), rng);
+    const GwProblem problem = descent_problem(one, other);
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t turn = 0; turn < static_cast<std::size_t>(problem.units.total); ++turn)
+      least = std::min({least, turned_cost(problem, turn, false), turned_cost(problem, turn, true)});
+    const double found =
+        gromov_wasserstein(one, other, uniform_masses(at(one.rows())), uniform_masses(at(other.rows()))).cost;
+    EXPECT_LE(found, least * (1.0 + 1e-9)) << one.rows() << " x " << other.rows();
   }
 }
 
