@@ -2,9 +2,10 @@
 // decoders, on voxels of a real asset or of an ellipsoid of about as many. Seconds of every part, what 25 + 25 steps
 // take at the rate of the steps that were made, and the most memory that was held. As `anigen-generate --precision
 // bf16`; with --low-memory one model at a time, as there. --whole takes the steps as those of a whole sampling, such as
-// 12 of --adams with guidance every second step.
+// 12 of --adams with guidance every second step. --measures samples the 25 steps, then again with each measure that
+// spares passes (or those whose name contains WORD): its passes and seconds, and how far its latents end from those.
 //   benchmark_generation [--fp32|--int8] [--low-memory] [--steps=3 [--whole] [--adams] [--guidance-every=N]]
-//                        [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
+//                        [--measures|--measures=WORD] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
 //                        [--threads=N] [--benchmark_out=FILE]
 // Weights are a pattern, which takes as long as trained ones but gives no shape: the second flow and the decoder work
 // on the voxels given, so that reading weights, normals of the picture and finishing of the mesh are not in it.
@@ -31,18 +32,63 @@ constexpr std::int64_t kJoints = 40;
 constexpr double kStructureStrength = 7.5, kLatentStrength = 3.0;  // of the published pipeline
 
 struct Settings : FlowSettings {
-  bool low_memory = false, whole = false, adams = false;
+  bool low_memory = false, whole = false, adams = false, measures = false;
   long guidance_every = 1;
-  std::string voxels, skeleton_voxels;
+  std::string measure, voxels, skeleton_voxels;
 
   bool read(const std::string& word) {
     if (word == "--low-memory") return low_memory = true;
     if (word == "--whole") return whole = true;
     if (word == "--adams") return adams = true;
+    if (word == "--measures" || read_text(word, "measures", measure)) return measures = true;
     if (read_number(word, "guidance-every", 1, guidance_every)) return true;
     return read_text(word, "voxels", voxels) || read_text(word, "skeleton-voxels", skeleton_voxels) ||
            FlowSettings::read(word);
   }
+};
+
+// A way to sample a flow. The first one is what the others are measured by.
+struct Measure {
+  std::string name;
+  flow::SamplerOptions sampler;
+};
+
+std::vector<Measure> measures_of(const Settings& settings) {
+  flow::SamplerOptions all;
+  all.steps = settings.steps;
+  if (!settings.measures) {
+    if (settings.adams) all.solver = flow::Solver::kAdams;
+    all.cfg_every = settings.guidance_every;
+    return {{"", all}};
+  }
+  std::vector<Measure> measures = {{std::to_string(all.steps) + " guided steps", all}};
+  const auto add = [&](const std::string& name, const std::function<void(flow::SamplerOptions&)>& change) {
+    if (name.find(settings.measure) == std::string::npos) return;
+    measures.push_back({name, all});
+    change(measures.back().sampler);
+  };
+  const std::int64_t half = (all.steps + 1) / 2;
+  const std::string half_steps = std::to_string(half) + " steps";
+  for (const std::int64_t every : {2, 4}) {
+    add("guidance every " + std::to_string(every) + " steps", [=](auto& sampler) { sampler.cfg_every = every; });
+  }
+  add("guidance while t >= 0.5", [](auto& sampler) { sampler.cfg_interval = {0.5, 1.0}; });
+  for (const int percent : {2, 10}) {
+    add("velocities predicted to " + std::to_string(percent) + " %",
+        [=](auto& sampler) { sampler.velocity_tolerance = 0.01 * percent; });
+  }
+  add(half_steps, [=](auto& sampler) { sampler.steps = half; });
+  add("adams, " + half_steps, [=](auto& sampler) { sampler.steps = half, sampler.solver = flow::Solver::kAdams; });
+  add("adams, " + half_steps + ", guidance every 2",
+      [=](auto& sampler) { sampler.steps = half, sampler.solver = flow::Solver::kAdams, sampler.cfg_every = 2; });
+  return measures;
+}
+
+// Passes, seconds and ends of sampling both flows in one way.
+struct Outcome {
+  std::int64_t passes = 0;
+  double seconds = 0.0;
+  std::vector<double> distances;  // ‖z − z'‖ / ‖z'‖ of every stream of both flows, z' of the first measure
 };
 
 // Seconds of the parts, of sampling those of kPublishedSteps.
@@ -64,6 +110,7 @@ class Parts {
     std::fflush(stdout);
     row(name, whole);
   }
+  double whole() const { return whole_; }
   void finish() {
     std::printf("%-24s %9.1f min%s; measured %.1f min; peak %.2f GB = %.2f GiB%s\n",
                 settings_.whole ? "whole" : "25 + 25 guided steps", whole_ / 60.0,
@@ -115,17 +162,19 @@ Model patterned(const Options& options, torch::Dtype dtype) {
 // assets, unless one at a time is asked for.
 class Generation {
  public:
-  explicit Generation(const Settings& settings) : settings_(settings), parts_(settings) {}
+  explicit Generation(const Settings& settings)
+      : settings_(settings), measures_(measures_of(settings)), outcomes_(measures_.size()), parts_(settings) {}
 
   void run() {
     const torch::NoGradGuard no_grad;
     torch::manual_seed(0);
-    encode_picture();
-    sample_structure();
-    decode_structure();
-    sample_latents();
-    decode_asset();
+    for (const auto part : {&Generation::encode_picture, &Generation::sample_structure, &Generation::decode_structure,
+                            &Generation::sample_latents, &Generation::decode_asset}) {
+      (this->*part)();
+      if (settings_.low_memory) release_freed_memory();
+    }
     parts_.finish();
+    if (settings_.measures) print_measures();
   }
 
  private:
@@ -199,18 +248,46 @@ class Generation {
 
   void sample(const std::string& name, const flow::Streams& noise, const flow::Velocities& velocities,
               double strength) {
-    flow::SamplerOptions options;
-    options.steps = settings_.steps;
-    options.cfg_strength = strength;
-    if (settings_.adams) options.solver = flow::Solver::kAdams;
-    options.cfg_every = settings_.guidance_every;
-    Progress progress(name, static_cast<std::size_t>(options.steps), "steps");
-    flow::SamplingExtras extras;
-    extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
-    parts_.add(name, seconds_of([&] { flow::sample_flow(noise, velocities, options, extras); }), options.steps);
+    flow::Streams reference;
+    for (std::size_t i = 0; i < measures_.size(); ++i) {
+      flow::SamplerOptions options = measures_[i].sampler;
+      options.cfg_strength = strength;
+      Progress progress(name + (i == 0 ? "" : ", " + measures_[i].name), static_cast<std::size_t>(options.steps),
+                        "steps");
+      flow::SamplingExtras extras;
+      extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
+      flow::Sampled sampled;
+      const double seconds = seconds_of([&] { sampled = flow::sample_flow(noise, velocities, options, extras); });
+      if (i == 0) {
+        parts_.add(name, seconds, options.steps);
+        reference = sampled.samples;
+      }
+      Outcome& outcome = outcomes_[i];
+      outcome.passes += sampled.passes;
+      outcome.seconds += seconds;
+      for (std::size_t stream = 0; stream < reference.size(); ++stream) {
+        outcome.distances.push_back(
+            ((sampled.samples[stream] - reference[stream]).norm() / reference[stream].norm()).item<double>());
+      }
+    }
+  }
+
+  void print_measures() const {
+    const double others = parts_.whole() - outcomes_.front().seconds;
+    std::printf("\n%-36s %6s %9s %7s  %s\n", "measure", "passes", "all, min", "share",
+                "distance of each stream's latents");
+    for (std::size_t i = 0; i < measures_.size(); ++i) {
+      const double seconds = others + outcomes_[i].seconds;
+      std::printf("%-36s %6lld %9.1f %7.2f ", measures_[i].name.c_str(), static_cast<long long>(outcomes_[i].passes),
+                  seconds / 60.0, seconds / parts_.whole());
+      for (const double distance : outcomes_[i].distances) std::printf(" %.4f", distance);
+      std::printf("\n");
+    }
   }
 
   const Settings& settings_;
+  const std::vector<Measure> measures_;
+  std::vector<Outcome> outcomes_;
   Parts parts_;
   std::vector<std::shared_ptr<torch::nn::Module>> kept_;
   Tensor tokens_;
@@ -221,15 +298,16 @@ class Generation {
 
 int main(int argc, char** argv) {
   Settings settings;
-  settings.steps = 3;
   for (int i = 1; i < argc; ++i) {
     if (settings.read(argv[i])) continue;
     std::fprintf(stderr,
                  "usage: benchmark_generation [--fp32|--int8] [--low-memory] [--steps=N [--whole] [--adams] "
-                 "[--guidance-every=N]] [--voxels=PLY --skeleton-voxels=PLY] "
+                 "[--guidance-every=N]] [--measures|--measures=WORD] [--voxels=PLY --skeleton-voxels=PLY] "
                  "[--blocks=N] [--threads=N] [--benchmark_out=FILE]\n");
     return 2;
   }
+  settings.whole = settings.whole || settings.measures;  // what was measured is what counts
+  if (settings.steps == 0) settings.steps = settings.measures ? static_cast<int>(kPublishedSteps) : 3;
   if (settings.dtypes.empty()) settings.dtypes = {torch::kBFloat16};
   try {
     anigen::keep_freed_memory();  // as the programs do

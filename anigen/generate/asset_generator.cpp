@@ -178,6 +178,7 @@ void AssetGenerator::forget_unless_kept() {
   structure_.reset();
   latents_.reset();
   decoder_.reset();
+  release_freed_memory();  // the next model's parameters seldom fit into the gaps that these leave
 }
 
 StructureCoder AssetGenerator::structure_coder() const {
