@@ -207,10 +207,10 @@ GromovWasserstein GwSearch::run() const {
     const double least = options.perturbations * affordable;
     double rounds = least;
     for (int round = 0; round < rounds; ++round) {
-      const bool swaps = problem.units.uniform && round % 3 != 0;
-      const double reached = !swaps                    ? descent.perturb(best, 2 + round % 4, rng)
-                             : trees && round % 3 == 2 ? descent.perturb_branches(best, rng)
-                                                       : descent.perturb_neighbourhoods(best, rng);
+      const int kind = problem.units.uniform ? round % 5 : 0;
+      const double reached = kind == 0                ? descent.perturb(best, 2 + round % 4, rng)
+                             : trees && kind % 2 == 0 ? descent.perturb_branches(best, rng)
+                                                      : descent.perturb_neighbourhoods(best, rng);
       if (reached >= best.objective - resolution) continue;
       best = descent.current();
       exchanged = true;

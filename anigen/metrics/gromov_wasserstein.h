@@ -9,8 +9,8 @@
 
 namespace anigen::metrics {
 
-/// Pairs of joints up to which the iterated search runs all its rounds; about 45 joints a side.
-inline constexpr int kFullSearchCells = 2000;
+/// Pairs of joints up to which the iterated search runs all its rounds; about 90 joints a side.
+inline constexpr int kFullSearchCells = 8000;
 
 struct GromovWassersteinOptions {
   int descents = 4;  ///< starts that go on to a local minimum: those of least cost
@@ -18,7 +18,7 @@ struct GromovWassersteinOptions {
   /// equal masses, of the partners of two neighbourhoods or two branches, then descent. Up to twelve times as many while
   /// they improve. Drawn from a stream of this seed in the canonical numbering, so equal input gives equal output.
   /// One takes time in proportion to n·m: beyond kFullSearchCells of them there are fewer, so that all take as long.
-  int perturbations = 150;
+  int perturbations = 130;
   std::uint64_t seed = 0;
   bool entropic = false;  ///< also start from an entropic (proximal) plan; slower, seldom better
 };

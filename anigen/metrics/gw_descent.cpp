@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "anigen/core/numeric.h"
@@ -15,6 +16,7 @@ constexpr int kSweeps = 200;
 constexpr int kTurns = 20;
 constexpr std::size_t kNear = 8;   // points among which a near exchange finds its partner
 constexpr double kLikeSize = 0.7;  // branches of like size
+constexpr int kSwapsDrawn = 4;     // of which the least costly is tried
 
 double inner(const RowMatrix& matrix, const std::vector<PlanCell>& cells) {
   double sum = 0.0;
@@ -104,52 +106,54 @@ std::size_t GwDescent::near_cell(std::size_t e, Rng& rng) {
 }
 
 double GwDescent::perturb_neighbourhoods(const GwPoint& start, Rng& rng) {
-  set(start.cells, start.gradient);
-  std::fill(waiting_.begin(), waiting_.end(), char{0});
-  const bool rows = rng.chance(0.5);
+  const bool rows = rng.chance(0.5), turned = rng.chance(0.25);
   const std::size_t points = at(rows ? problem_.rows() : problem_.columns());
   if (points < 4) return start.objective;
   const std::size_t most = points / 2;
   // Small ones more often: sizes even in their logarithm.
   const std::size_t size =
       std::min(most, static_cast<std::size_t>(2.0 * std::pow(static_cast<double>(most) / 2.0, rng.uniform()) + 0.5));
-  const std::size_t one = rng.index(points), other = rng.index(points);
-  std::vector<int> from, to;
-  if (one == other || rng.chance(0.25)) {
-    // Round: sorted by the distance to its first less that to its farthest point, then back to front.
-    from.assign(by_distance(rows, one).begin(), by_distance(rows, one).begin() + static_cast<std::ptrdiff_t>(size));
-    const RowMatrix& distances = rows ? problem_.c1 : problem_.c2;
-    const int last = from.back();
-    int first = last;
-    for (const int point : from)
-      if (distances(last, point) > distances(last, first)) first = point;
-    std::sort(from.begin(), from.end(), [&](int x, int y) {
-      return distances(first, x) - distances(last, x) < distances(first, y) - distances(last, y);
-    });
-    to.assign(from.rbegin(), from.rend());
-  } else {
-    // Two that share no point, paired from their centres outwards.
-    std::vector<char> taken(points, 0);
-    const std::vector<int>&mine = by_distance(rows, one), &theirs = by_distance(rows, other);
-    for (std::size_t i = 0, k = 0; from.size() < 2 * size && i < points && k < points;) {
-      while (i < points && taken[at(mine[i])]) ++i;
-      if (i == points) break;
-      taken[at(mine[i])] = 1;
-      while (k < points && taken[at(theirs[k])]) ++k;
-      if (k == points) break;
-      taken[at(theirs[k])] = 1;
-      from.push_back(mine[i]), to.push_back(theirs[k]);
-      from.push_back(theirs[k]), to.push_back(mine[i]);
-    }
+  return after_best_swap(start, [&] {
+    const std::size_t one = rng.index(points), other = rng.index(points);
+    return turned || one == other ? turned_neighbourhood(rows, one, size) : two_neighbourhoods(rows, one, other, size);
+  });
+}
+
+// One neighbourhood, sorted by the distance to its first less that to its farthest point, then back to front.
+GwDescent::PartnerSwap GwDescent::turned_neighbourhood(bool rows, std::size_t centre, std::size_t size) {
+  const std::vector<int>& nearest = by_distance(rows, centre);
+  PartnerSwap swap{rows, {nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(size)}, {}};
+  const RowMatrix& distances = rows ? problem_.c1 : problem_.c2;
+  const int last = swap.from.back();
+  int first = last;
+  for (const int point : swap.from)
+    if (distances(last, point) > distances(last, first)) first = point;
+  std::sort(swap.from.begin(), swap.from.end(), [&](int x, int y) {
+    return distances(first, x) - distances(last, x) < distances(first, y) - distances(last, y);
+  });
+  swap.to.assign(swap.from.rbegin(), swap.from.rend());
+  return swap;
+}
+
+// Two neighbourhoods that share no point, paired from their centres outwards.
+GwDescent::PartnerSwap GwDescent::two_neighbourhoods(bool rows, std::size_t one, std::size_t other, std::size_t size) {
+  const std::vector<int>& mine = by_distance(rows, one);
+  const std::vector<int>& theirs = by_distance(rows, other);
+  PartnerSwap swap{rows, {}, {}};
+  std::vector<char> taken(mine.size(), 0);
+  for (std::size_t i = 0, k = 0; swap.from.size() < 2 * size && i < mine.size() && k < mine.size();) {
+    while (i < mine.size() && taken[at(mine[i])]) ++i;
+    if (i == mine.size()) break;
+    taken[at(mine[i])] = 1;
+    while (k < mine.size() && taken[at(theirs[k])]) ++k;
+    if (k == mine.size()) break;
+    taken[at(theirs[k])] = 1;
+    swap.add(mine[i], theirs[k]);
   }
-  swap_partners(rows, from, to);
-  exchange_waiting_rows();
-  return problem_.objective(cells_, gradient_);
+  return swap;
 }
 
 double GwDescent::perturb_branches(const GwPoint& start, Rng& rng) {
-  set(start.cells, start.gradient);
-  std::fill(waiting_.begin(), waiting_.end(), char{0});
   const bool rows = rng.chance(0.5);
   std::vector<int>& sizes = rows ? branch_rows_ : branch_columns_;
   if (sizes.empty()) sizes = branch_sizes(rows ? *problem_.tree1 : *problem_.tree2);
@@ -163,22 +167,69 @@ double GwDescent::perturb_branches(const GwPoint& start, Rng& rng) {
     if (other != one && apart(other) && less >= kLikeSize * more) others.push_back(other);
   }
   if (others.empty()) return start.objective;
-  const int other = others[rng.index(others.size())];
-  std::vector<int> from, to;
-  for (int k = 0; k < std::min(sizes[at(one)], sizes[at(other)]); ++k) {
-    from.push_back(one + k), to.push_back(other + k);
-    from.push_back(other + k), to.push_back(one + k);
+  return after_best_swap(start, [&] {
+    const int other = others[rng.index(others.size())];
+    PartnerSwap swap{rows, {}, {}};
+    for (int k = 0; k < std::min(sizes[at(one)], sizes[at(other)]); ++k) swap.add(one + k, other + k);
+    return swap;
+  });
+}
+
+// Draws some swaps, makes the one that costs least, and descends. A swap that changes nothing is a symmetry's.
+double GwDescent::after_best_swap(const GwPoint& start, const std::function<PartnerSwap()>& drawn) {
+  set(start.cells, start.gradient);
+  std::fill(waiting_.begin(), waiting_.end(), char{0});
+  PartnerSwap best;
+  double least = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < kSwapsDrawn; ++k) {
+    PartnerSwap swap = drawn();
+    const double change = change_by(swap);
+    if (std::abs(change) <= resolution_ || change >= least) continue;
+    least = change;
+    best = std::move(swap);
   }
-  swap_partners(rows, from, to);
+  if (best.from.empty()) return start.objective;
+  if (best.rows)
+    move_rows(best.from, best.to);
+  else
+    move_columns(best.from, best.to);
   exchange_waiting_rows();
   return problem_.objective(cells_, gradient_);
 }
 
-void GwDescent::swap_partners(bool rows, const std::vector<int>& from, const std::vector<int>& to) {
-  if (rows)
-    move_rows(from, to);
-  else
-    move_columns(from, to);
+// f(X + ΔX) − f(X) = <G, ΔX> − κ <C1 ΔX C2, ΔX>, where ΔX takes the mass of each moved cell from one row to another.
+double GwDescent::change_by(const PartnerSwap& swap) {
+  const RowMatrix& c1 = swap.rows ? problem_.c1 : problem_.c2;
+  const RowMatrix& c2 = swap.rows ? problem_.c2 : problem_.c1;
+  goes_.assign(at(static_cast<int>(c1.rows())), -1);
+  for (std::size_t k = 0; k < swap.from.size(); ++k) goes_[at(swap.from[k])] = swap.to[k];
+  struct Move {
+    int from, to, partner;
+    double mass;
+  };
+  std::vector<Move> moves;
+  double linear = 0.0, quadratic = 0.0;
+  for (const PlanCell& cell : cells_) {
+    const int from = swap.rows ? cell.row : cell.column, partner = swap.rows ? cell.column : cell.row;
+    const int to = goes_[at(from)];
+    if (to < 0 || to == from) continue;
+    moves.push_back({from, to, partner, cell.mass});
+    linear += cell.mass * (swap.rows ? gradient_(to, partner) - gradient_(from, partner)
+                                     : gradient_(partner, to) - gradient_(partner, from));
+  }
+  for (std::size_t e = 0; e < moves.size(); ++e) {
+    const Move& x = moves[e];
+    const double* to = c1.row(x.to).data();
+    const double* from = c1.row(x.from).data();
+    const double* partners = c2.row(x.partner).data();
+    double sum = 0.0;  // pairs count twice; a cell with itself gives nothing, since its partner is at no distance
+    for (std::size_t f = 0; f < e; ++f) {
+      const Move& y = moves[f];
+      sum += y.mass * partners[y.partner] * (to[y.to] - to[y.from] - from[y.to] + from[y.from]);
+    }
+    quadratic += 2.0 * x.mass * sum;
+  }
+  return linear - problem_.curvature * quadratic;
 }
 
 int GwDescent::conditional_gradient(std::vector<PlanCell>& cells, int max_iterations) {

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstddef>
+#include <functional>
 #include <vector>
 
 #include "anigen/core/random.h"
@@ -35,7 +36,8 @@ class GwDescent {
 
   /// Exchanges the partners of two neighbourhoods of a random size, or turns those of one round, then descends as
   /// perturb() does: a limb that is matched to a wrong one is too many exchanges away for these alone. Neighbourhoods
-  /// are the points nearest to two random ones, on either side. @pre equal masses
+  /// are the points nearest to two random ones, on either side; of some that are drawn, those whose exchange costs
+  /// least. @pre equal masses
   double perturb_neighbourhoods(const GwPoint& start, Rng& rng);
 
   /// Exchanges the partners of two branches of about one size in one of the trees, joint by joint, then descends as
@@ -56,7 +58,19 @@ class GwDescent {
   void move_rows(const std::vector<int>& from, const std::vector<int>& to);
   void move_columns(const std::vector<int>& from, const std::vector<int>& to);
   std::size_t near_cell(std::size_t e, Rng& rng);
-  void swap_partners(bool rows, const std::vector<int>& from, const std::vector<int>& to);
+  // Rows, or else columns, from[k] that give their cells to to[k].
+  struct PartnerSwap {
+    bool rows = true;
+    std::vector<int> from, to;
+    void add(int one, int other) {
+      from.insert(from.end(), {one, other});
+      to.insert(to.end(), {other, one});
+    }
+  };
+  PartnerSwap turned_neighbourhood(bool rows, std::size_t centre, std::size_t size);
+  PartnerSwap two_neighbourhoods(bool rows, std::size_t one, std::size_t other, std::size_t size);
+  double after_best_swap(const GwPoint& start, const std::function<PartnerSwap()>& drawn);
+  double change_by(const PartnerSwap& swap);
   const std::vector<int>& by_distance(bool rows, std::size_t point);
 
   const GwProblem& problem_;
@@ -67,6 +81,7 @@ class GwDescent {
   std::vector<char> waiting_;  // rows whose cells may have found new partners
   RowMatrix gradient_;
   std::vector<double> lever_, step_;
+  std::vector<int> goes_;
   std::vector<std::vector<int>> nearest_rows_, nearest_columns_;  // of each point, itself first; filled when needed
   std::vector<int> branch_rows_, branch_columns_;                 // joints of the branch that begins at each; likewise
 };

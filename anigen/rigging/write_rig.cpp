@@ -220,7 +220,10 @@ void write_rig(const RigRequest& request, const io::RiggedShape& shape, Asset& a
       return io::write_gltf(report.file, asset, options);
     }
     Asset written = asset;
-    if (request.method.binding) add_own_clips(shape, names, written, report);
+    if (request.method.binding)
+      add_own_clips(shape, names, written, report);
+    else
+      tell_left_out(shape, "only the skeleton is written", report);
     return io::write_rigged(report.file, written, options);
   }
   try {

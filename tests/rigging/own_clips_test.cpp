@@ -243,6 +243,14 @@ TEST_F(OwnClips, HaveFurtherJointsBehindThem) {
   EXPECT_EQ(asset.animations.size(), 2U);
 }
 
+TEST_F(OwnClips, AreLeftOutWithAWordOfASkeletonAlone) {
+  request_.method = parse_rigging_method("auto", "none");
+  request_.out = folder_ / "skeleton.glb";
+  const RigReport report = rig_meshes(request_).meshes.at(0);
+  EXPECT_EQ(report.failure, "");
+  EXPECT_NE(report.note.find("2 clips left out: only the skeleton is written"), std::string::npos) << report.note;
+}
+
 TEST_F(OwnClips, SayWhatKeepsThemFromOtherJoints) {
   const io::RiggedShape shape = io::rigged_shape(own_, "own", "own.glb");
   const auto note_of = [&](const Asset& changed, const std::vector<std::string>& names) {
