@@ -15,9 +15,10 @@ inline constexpr int kFullSearchCells = 8000;
 struct GromovWassersteinOptions {
   int descents = 4;  ///< starts that go on to a local minimum: those of least cost
   /// Rounds of iterated local search after the starts, at least: a few random exchanges of the best coupling or, with
-  /// equal masses, of the partners of two neighbourhoods or two branches, then descent. Up to twelve times as many while
-  /// they improve. Drawn from a stream of this seed in the canonical numbering, so equal input gives equal output.
-  /// One takes time in proportion to n·m: beyond kFullSearchCells of them there are fewer, so that all take as long.
+  /// equal masses, of the partners of two neighbourhoods or two branches, then descent. Up to twelve times as many
+  /// while they improve. Drawn from a stream of this seed in the canonical numbering, so equal input gives equal
+  /// output. One takes time in proportion to n·m: beyond kFullSearchCells of them there are fewer, so that all take as
+  /// long.
   int perturbations = 130;
   std::uint64_t seed = 0;
   bool entropic = false;  ///< also start from an entropic (proximal) plan; slower, seldom better
