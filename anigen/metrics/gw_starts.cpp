@@ -26,8 +26,9 @@ Eigen::VectorXd along_diameter(const RowMatrix& c) {
 }
 
 constexpr int kPowerSteps = 60;
-constexpr std::int64_t kTurnsTried = 48;      // at least, of either sense
-constexpr std::int64_t kTurnPairs = 1 << 22;  // and more as long as they have no more pairs of cells together
+constexpr std::int64_t kTurnsTried = 48;        // at least, of either sense
+constexpr std::int64_t kTurnPairs = 1 << 22;    // and more as long as they have no more pairs of cells together
+constexpr std::int64_t kWindowPairs = 1 << 25;  // likewise, around a coarse turn
 constexpr std::size_t kCyclicStarts = 4;
 
 // Points in the order of their angles in the plane of the two largest eigenvectors of −J D² J, J the centring.
@@ -152,11 +153,17 @@ std::vector<GwSparseStart> cyclic_starts(const GwProblem& problem) {
   }
   std::sort(valleys.begin(), valleys.end(), cheaper);
   valleys.resize(std::min(valleys.size(), kCyclicStarts));
-  // The cost has a vertex at every unit, and the least of them is seldom the one that lies downhill: all are tried.
+  // The cost has a vertex at every unit, and the least of them is seldom the one that lies downhill: all are tried, or
+  // of many points so many at a time, around the best of which those between follow.
+  const std::int64_t most = std::max(kTurnsTried, kWindowPairs / (cells * cells));
   for (Turn& valley : valleys) {
-    const Turn centre = valley;
-    for (std::int64_t step = 1 - stride; step < stride; ++step)
-      valley = std::min(valley, tried(centre.turn + step, centre.reversed), cheaper);
+    for (std::int64_t reach = stride; reach > 1;) {
+      const Turn centre = valley;
+      const std::int64_t step = (2 * reach + most - 1) / most;
+      for (std::int64_t turn = -(reach - 1) / step * step; turn < reach; turn += step)
+        valley = std::min(valley, tried(centre.turn + turn, centre.reversed), cheaper);
+      reach = step;
+    }
   }
   std::sort(valleys.begin(), valleys.end(), cheaper);
   for (const Turn& valley : valleys) starts.push_back({"turn", coupling(valley)});

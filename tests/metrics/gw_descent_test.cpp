@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <limits>
 
 #include "anigen/core/numeric.h"
@@ -123,6 +124,15 @@ TEST(GwStarts, NoTurnOfTwoRingsIsCheaperThanWhatIsFound) {
         gromov_wasserstein(one, other, uniform_masses(at(one.rows())), uniform_masses(at(other.rows()))).cost;
     EXPECT_LE(found, least * (1.0 + 1e-9)) << one.rows() << " x " << other.rows();
   }
+}
+
+// 250,500 units of mass: trying each around the best turns would take half a minute.
+TEST(GwStarts, TurnsOfLargeRingsAreNotAllTried) {
+  Rng rng(6, "gw_descent_test");
+  const GwProblem problem = descent_problem(random_ring(500, rng), random_ring(501, rng));
+  const auto began = std::chrono::steady_clock::now();
+  EXPECT_FALSE(cyclic_starts(problem).empty());
+  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count(), 15.0);
 }
 
 TEST(GwStarts, TurnsAreCouplings) {
