@@ -114,7 +114,10 @@ std::optional<Cell> cost_cell(const Experiment& experiment, const Plan& plan, co
       if (spec.cost == "seconds") cell.by_seed = cost.by_job;
       if (spec.cost == "memory") cell.by_seed = {1e-9 * static_cast<double>(cost.peak_bytes)};
       if (spec.cost == "parameters") cell.by_seed = {1e-6 * static_cast<double>(cost.parameters)};
-      if (spec.cost == "training") cell.by_seed = {cost.training_seconds / 60.0};
+      if (spec.cost == "training") {
+        for (const double seconds : cost.training_by_seed) cell.by_seed.push_back(seconds / 60.0);
+        if (cell.by_seed.empty()) return {};
+      }
       for (const double value : cell.by_seed) cell.mean += value / static_cast<double>(cell.by_seed.size());
       return cell;
     }

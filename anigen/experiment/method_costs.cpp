@@ -67,6 +67,24 @@ std::int64_t parameters_of_run(const std::filesystem::path& run, const std::stri
   return sum;
 }
 
+/// Seconds of all jobs of some trainings together, per seed. A step that no seed changes counts for each. Empty when
+/// one is not done, or steps have other numbers of jobs.
+std::vector<double> training_by_seed(const Plan& plan, const std::filesystem::path& out,
+                                     const std::set<std::string>& steps) {
+  std::vector<double> sums = {0.0};
+  for (const std::string& step : steps) {
+    const std::vector<const Job*> jobs = jobs_of_step(plan, step);
+    if (sums.size() == 1) sums.resize(std::max<std::size_t>(1, jobs.size()), sums.front());
+    if (jobs.empty() || (jobs.size() > 1 && jobs.size() != sums.size())) return {};
+    for (std::size_t seed = 0; seed < sums.size(); ++seed) {
+      const auto record = record_when_done(out, *jobs[jobs.size() > 1 ? seed : 0]);
+      if (!record) return {};
+      sums[seed] += record->seconds;
+    }
+  }
+  return sums;
+}
+
 MethodCost cost_of_row(const Plan& plan, const std::filesystem::path& out, const CostRow& row) {
   MethodCost cost;
   cost.label = row.label;
@@ -100,6 +118,7 @@ MethodCost cost_of_row(const Plan& plan, const std::filesystem::path& out, const
     const std::int64_t count = jobs.empty() ? -1 : parameters_of_run(jobs.front()->folder, part);
     cost.parameters = count < 0 || cost.parameters < 0 ? -1 : cost.parameters + count;
   }
+  cost.training_by_seed = training_by_seed(plan, out, trained);
   return cost;
 }
 

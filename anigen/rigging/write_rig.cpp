@@ -1,7 +1,6 @@
 #include "anigen/rigging/write_rig.h"
 
 #include <algorithm>
-#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -108,37 +107,6 @@ Skeleton own_skeleton(const io::RiggedShape& shape, std::vector<Animation>& anim
   return own;
 }
 
-/// Number in a file's own skeleton per joint of another one that holds it, in whatever order; further joints get the
-/// numbers behind. Empty where it does not hold it, and `why_not` says why.
-/// @param names [J] by which the file's joints are known @param near distance that rounding explains
-std::vector<int> numbers_in_file(const Skeleton& own, const Skeleton& skeleton, const std::vector<std::string>& names,
-                                 double near, std::string& why_not) {
-  std::map<std::string, int> by_name;
-  for (std::size_t j = 0; j < own.size() && own.names.size() == own.size(); ++j)
-    by_name[own.names[j]] = static_cast<int>(j);
-  const Points places = own.positions(), wanted = skeleton.positions();
-  std::vector<int> numbers;
-  std::size_t further = own.size();
-  const auto refused = [&why_not](const char* why) {
-    why_not = why;
-    return std::vector<int>();
-  };
-  for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    const auto found = by_name.find(names[j]);
-    const int parent = skeleton.parents[j], above = parent < 0 ? -1 : numbers[at(parent)];
-    if (found == by_name.end()) {
-      if (parent < 0) return refused("joints of the file are not there");
-      numbers.push_back(static_cast<int>(further++));
-      continue;
-    }
-    const std::size_t joint = at(found->second);
-    numbers.push_back(found->second);
-    if (own.parents[joint] != above) return refused("joints of the file hang on others");
-    if (!((places[joint] - wanted[j]).norm() <= near)) return refused("joints of the file were moved");
-  }
-  return further == skeleton.size() ? numbers : refused("joints of the file are not there");
-}
-
 }  // namespace
 
 void add_note(const std::string& note, RigReport& report) {
@@ -162,7 +130,7 @@ void add_own_clips(const io::RiggedShape& shape, const std::vector<std::string>&
   std::vector<int> numbers;
   if (!names.empty()) {
     const double near = 1e-4 * bounding_box(asset.mesh.vertices).diagonal();
-    numbers = numbers_in_file(own, asset.skeleton, names, near, why_not);
+    numbers = io::gltf_import::own_joints(own, asset.skeleton, names, near, why_not);
   }
   if (numbers.empty()) {
     tell_new_joints(report);

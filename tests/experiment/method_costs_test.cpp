@@ -85,6 +85,7 @@ TEST_F(MethodCosts, AreTimesOfCallsPerAssetWithWhatComesBefore) {
   EXPECT_EQ(both.peak_bytes, 2'000'000'000u) << "of the shapes";
   EXPECT_EQ(both.parameters, 4'000'000);
   EXPECT_DOUBLE_EQ(both.training_seconds, 90.0);
+  EXPECT_EQ(both.training_by_seed, (std::vector<double>{60.0, 120.0}));
   EXPECT_EQ(costs[2].parameters, 3'000'000);
   EXPECT_EQ(costs[2].peak_bytes, 1'500'000'000u);
   const Table table = method_cost_table(costs);
@@ -94,9 +95,9 @@ TEST_F(MethodCosts, AreTimesOfCallsPerAssetWithWhatComesBefore) {
 }
 
 TEST_F(MethodCosts, CanBeClaimed) {
-  const std::string text =
-      with_costs(claim("parameters", "half", "both") + "," + claim("memory", "both", "shapes") + "," +
-                 claim("seconds", "shapes", "both") + "," + claim("training", "half", "both"));
+  const std::string text = with_costs(claim("parameters", "half", "both") + "," + claim("memory", "both", "shapes") +
+                                      "," + claim("seconds", "shapes", "both") + "," +
+                                      claim("training", "half", "both") + "," + claim("training", "shapes", "both"));
   const Plan plan = measured(text);
   const Experiment read = experiment(text);
   const std::vector<ClaimResult> claims = judge_claims(read, plan, place_.out);
@@ -106,7 +107,10 @@ TEST_F(MethodCosts, CanBeClaimed) {
   // 2 and 3 s less: 2.5 ± 12.7 · 0.5.
   EXPECT_EQ(claims[2].verdict, Verdict::kTooSmall);
   EXPECT_NEAR(claims[2].seed_interval.low, 2.5 - 12.7062 * 0.5, 1e-3);
-  EXPECT_EQ(claims[3].reason, "one run");
+  EXPECT_EQ(claims[3].verdict, Verdict::kTooSmall) << "equal";
+  EXPECT_EQ(claims[3].of.by_seed, (std::vector<double>{1.0, 2.0}));
+  EXPECT_EQ(claims[4].by_seed, (std::vector<double>{1.0, 2.0})) << "no model against one and two minutes";
+  EXPECT_EQ(claims[4].reason, "");
   const std::string report = read_file(write_report(read, plan, place_));
   EXPECT_NE(report.find("with what comes before"), std::string::npos);
   EXPECT_NE(read_file(place_.out / "results.json").find("training_seconds"), std::string::npos);

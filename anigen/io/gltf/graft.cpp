@@ -580,7 +580,10 @@ GraftReport graft_rig(const std::filesystem::path& original, const Skeleton& ske
   try {
     const gltf_import::GraftSource source(original);
     gltf_import::check_graft(source, skeleton, skin, options);
-    const std::vector<int> own = options.replace ? std::vector<int>() : gltf_import::own_joints(skeleton, source);
+    std::string why_not;  // nobody asks: another skeleton is added beside the file's
+    const std::vector<int> own =
+        options.replace ? std::vector<int>()
+                        : gltf_import::own_joints(source.rig.skeleton, skeleton, skeleton.names, source.noise, why_not);
     Skeleton named = skeleton;
     if (!options.names.empty()) named.names = options.names;
     GraftReport report;

@@ -54,29 +54,32 @@ void check_graft(const GraftSource& source, const Skeleton& skeleton, const Skin
   }
 }
 
-std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source) {
-  const Skeleton& own = source.rig.skeleton;
-  if (own.size() > skeleton.size() || own.size() == 0) return {};
+std::vector<int> own_joints(const Skeleton& own, const Skeleton& skeleton, const std::vector<std::string>& names,
+                            double near, std::string& why_not) {
   std::map<std::string, int> by_name;
-  for (std::size_t j = 0; j < own.size(); ++j) by_name[own.names[j]] = static_cast<int>(j);
-  std::vector<int> joints;
+  for (std::size_t j = 0; j < own.size() && own.names.size() == own.size(); ++j)
+    by_name[own.names[j]] = static_cast<int>(j);
+  const Points places = own.positions(), wanted = skeleton.positions();
+  std::vector<int> numbers;
   std::size_t further = own.size();
+  const auto refused = [&why_not](const char* why) {
+    why_not = why;
+    return std::vector<int>();
+  };
   for (std::size_t j = 0; j < skeleton.size(); ++j) {
-    const auto found = by_name.find(skeleton.names[j]);
-    const int parent = skeleton.parents[j];
+    const auto found = by_name.find(names[j]);
+    const int parent = skeleton.parents[j], above = parent < 0 ? -1 : numbers[at(parent)];
     if (found == by_name.end()) {
-      if (parent < 0) return {};
-      joints.push_back(static_cast<int>(further++));
+      if (parent < 0) return refused("joints of the file are not there");
+      numbers.push_back(static_cast<int>(further++));
       continue;
     }
-    const int joint = found->second;
-    joints.push_back(joint);
-    if (own.parents[at(joint)] != (parent < 0 ? -1 : joints[at(parent)])) return {};
-    const Eigen::Matrix4d apart = own.bind[at(joint)] - skeleton.bind[j];
-    if (!(apart.topRightCorner<3, 1>().norm() <= source.noise)) return {};
+    const std::size_t joint = at(found->second);
+    numbers.push_back(found->second);
+    if (own.parents[joint] != above) return refused("joints of the file hang on others");
+    if (!((places[joint] - wanted[j]).norm() <= near)) return refused("joints of the file were moved");
   }
-  if (further != skeleton.size()) return {};  // some of the rig's joints are not there
-  return joints;
+  return further == skeleton.size() ? numbers : refused("joints of the file are not there");
 }
 
 Skeleton with_further_joints(const Skeleton& rig, const Skeleton& skeleton, const std::vector<int>& own) {

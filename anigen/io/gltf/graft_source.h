@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "anigen/asset/skeleton.h"
@@ -32,9 +33,11 @@ struct GraftSource {
 void check_graft(const GraftSource& source, const Skeleton& skeleton, const SkinWeights& skin,
                  const GraftOptions& options);
 
-/// Joint of the file's rig per joint of a skeleton that is the rig's own, or has further joints below those: these get
-/// the numbers behind the rig's. Empty for another skeleton.
-std::vector<int> own_joints(const Skeleton& skeleton, const GraftSource& source);
+/// Joint of a file's own skeleton per joint of another one that holds it, in whatever order; further joints get the
+/// numbers behind. Empty where it does not hold it, and `why_not` says why.
+/// @param names [J] by which the file's joints are known @param near distance that rounding explains
+std::vector<int> own_joints(const Skeleton& own, const Skeleton& skeleton, const std::vector<std::string>& names,
+                            double near, std::string& why_not);
 
 /// The rig's own skeleton with the further joints of another one behind it, in the places that they have there.
 /// @param own as own_joints() has it
