@@ -59,7 +59,7 @@ std::vector<int> own_joints(const Skeleton& own, const Skeleton& skeleton, const
   std::map<std::string, int> by_name;
   for (std::size_t j = 0; j < own.size() && own.names.size() == own.size(); ++j)
     by_name[own.names[j]] = static_cast<int>(j);
-  const Points places = own.positions(), wanted = skeleton.positions();
+  const std::vector<Eigen::Vector3d> places = own.positions(), wanted = skeleton.positions();
   std::vector<int> numbers;
   std::size_t further = own.size();
   const auto refused = [&why_not](const char* why) {
