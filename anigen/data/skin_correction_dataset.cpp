@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <map>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -169,30 +170,12 @@ std::optional<io::NamedArrays> cached_features(const AssetId& asset, const SkinC
 // The floor of classical weights inside logarithms, for weights that a sample does not see.
 float unseen_log() { return static_cast<float>(std::log(rigging::kClassicalFloor)); }
 
-// Noise on lengths, and perhaps one classical method that is not seen.
-struct SampleChange {
-  bool no_heat = false, no_geodesic = false;
-  float distances = 1.0F;  // factor of all distances
-};
-
-SampleChange draw_change(const SkinCorrectionDataOptions& options, Rng& rng) {
-  SampleChange change;
+// The features that a sample does not see: those of one classical method, or none.
+std::vector<rigging::SkinPairFeature> draw_unseen(const SkinCorrectionDataOptions& options, Rng& rng) {
   const bool drops = rng.chance(options.drop_classical), heat = rng.chance(0.5);
-  change.no_heat = drops && heat;
-  change.no_geodesic = drops && !heat;
-  change.distances = static_cast<float>(std::exp(options.distance_noise * rng.normal()));
-  return change;
-}
-
-void change_pair(float* features, const SampleChange& change, double noise, Rng& rng) {
-  if (change.no_heat) features[rigging::kHeatLog] = features[rigging::kHeatAround] = unseen_log();
-  if (change.no_geodesic) features[rigging::kGeodesicLog] = features[rigging::kGeodesicAround] = unseen_log();
-  features[rigging::kBoneLength] *= change.distances;
-  if (noise <= 0.0) return;
-  const auto own = static_cast<float>(noise * rng.normal());
-  features[rigging::kBoneDistance] *= change.distances * std::exp(own);
-  features[rigging::kDistanceRatio] += own;
-  features[rigging::kAlongBone] += static_cast<float>(noise * rng.normal());
+  if (!drops) return {};
+  if (heat) return {rigging::kHeatLog, rigging::kHeatAround};
+  return {rigging::kGeodesicLog, rigging::kGeodesicAround};
 }
 
 void check_number(const std::string& text, const std::string& file, const std::string& place) {
@@ -247,8 +230,8 @@ SkinCorrectionDataOptions SkinCorrectionDataOptions::read(ConfigReader& reader) 
   f("fold", options.fold);
   f("bad_skeletons", options.bad_skeletons);
   f("cache", options.cache);
+  f("even_skeletons", options.even_skeletons);
   f("drop_classical", options.drop_classical, {0.0, 1.0});
-  f("distance_noise", options.distance_noise, {0.0, 2.0});
   options.sources.filter.drop_bad_skeleton = !options.bad_skeletons;
   options.sources.filter.drop_bad_skin = true;
   if (options.cache.empty()) throw reader.error("cache", "name a folder for the features");
@@ -332,10 +315,25 @@ void SkinCorrectionDataset::arrange_visits(bool training) {
   if (training && options_.real_share && (real.empty() || drawn.empty())) {
     log::warn("real_share has no effect: all assets to train on are {}", real.empty() ? "creatures" : "real rigs");
   } else if (training && options_.real_share) {
-    return share_visits(real, drawn, *options_.real_share);
+    return share_visits(options_.even_skeletons ? evenly_by_skeleton(real) : real, drawn, *options_.real_share);
   }
   visits_ = real;
   visits_.insert(visits_.end(), drawn.begin(), drawn.end());
+}
+
+// Real rigs so that every joint tree comes once in each round, with another of its rigs in turn; as many rounds as the
+// commonest tree has rigs, and at most 64.
+std::vector<std::size_t> SkinCorrectionDataset::evenly_by_skeleton(const std::vector<std::size_t>& real) const {
+  constexpr std::size_t kMostRounds = 64;
+  std::map<std::string, std::vector<std::size_t>> by_tree;
+  for (const std::size_t i : real) by_tree[skeleton_signature_of(assets_[i])].push_back(i);
+  std::size_t rounds = 0;
+  for (const auto& tree : by_tree) rounds = std::max(rounds, std::min(kMostRounds, tree.second.size()));
+  std::vector<std::size_t> even;
+  for (std::size_t round = 0; round < rounds; ++round) {
+    for (const auto& tree : by_tree) even.push_back(tree.second[round % tree.second.size()]);
+  }
+  return even;
 }
 
 void SkinCorrectionDataset::share_visits(const std::vector<std::size_t>& real, const std::vector<std::size_t>& drawn,
@@ -395,10 +393,11 @@ std::unique_ptr<Batch> SkinCorrectionDataset::load(const std::vector<Draw>& draw
     put(example, rows, first, *batch);
     batch->ids.push_back(assets_[index].id);
     if (!training_) continue;
-    const SampleChange change = draw_change(options_, rng);
+    const std::vector<rigging::SkinPairFeature> unseen = draw_unseen(options_, rng);
     float* pair = batch->pairs.data_ptr<float>() + first * count * kSkinPairFeatures;
-    for (std::size_t i = 0; i < options_.vertices * count; ++i, pair += kSkinPairFeatures)
-      change_pair(pair, change, options_.distance_noise, rng);
+    for (std::size_t i = 0; i < options_.vertices * count; ++i, pair += kSkinPairFeatures) {
+      for (const rigging::SkinPairFeature feature : unseen) pair[feature] = unseen_log();
+    }
   }
   return batch;
 }

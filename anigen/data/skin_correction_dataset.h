@@ -41,11 +41,11 @@ struct SkinCorrectionDataOptions {
   std::size_t cached_vertices = 1024;    ///< vertices of an asset whose features are kept; 0: all
   std::size_t vertices = 128;            ///< of a sample, drawn from those
   std::optional<double> real_share;      ///< of the samples that are of real rigs, where there are both; unset: any
+  bool even_skeletons = false;           ///< with real_share: each joint tree of real rigs as often as any other
   std::string fold;            ///< SkeletonFold of the real rigs, whatever the splits say of them; empty: none
   bool bad_skeletons = false;  ///< also rigs with `is_bad_skeleton`, in which bones coincide, for example
   std::filesystem::path cache = "skin_features";  ///< folder of features, below the root of an asset unless absolute
-  double drop_classical = 0.1;   ///< chance that a sample sees no weights by heat, or none by geodesic voxels
-  double distance_noise = 0.05;  ///< spread of the logarithm of distances
+  double drop_classical = 0.1;  ///< chance that a sample sees no weights by heat, or none by geodesic voxels
 
   /// @throws InputError
   static SkinCorrectionDataOptions read(ConfigReader& reader);
@@ -85,6 +85,7 @@ class SkinCorrectionDataset : public BatchSource {
   struct Example;
   void read_all(std::vector<AssetId> assets);
   void arrange_visits(bool training);
+  std::vector<std::size_t> evenly_by_skeleton(const std::vector<std::size_t>& real) const;
   void share_visits(const std::vector<std::size_t>& real, const std::vector<std::size_t>& drawn, double share);
   std::unique_ptr<SkinCorrectionBatch> batch_of(std::size_t rows) const;
   void put(const Example& example, const std::vector<std::size_t>& rows, std::size_t first,

@@ -12,6 +12,7 @@
 #include "anigen/data/skin_correction_dataset.h"
 #include "anigen/data/view_files.h"
 #include "anigen/nn/state_dict.h"
+#include "anigen/rigging/bone_heat.h"
 #include "anigen/skin_correction/weights.h"
 
 namespace anigen::generate {
@@ -130,7 +131,7 @@ class CorrectionRuns {
     }
   }
 
-  using Binder = std::function<SkinWeights(TrainedSkin&, const rigging::SkinFeatures&)>;
+  using Binder = std::function<SkinWeights(TrainedSkin&, const rigging::SkinFeatures&, const BoundTruth&)>;
   std::vector<float> predict(const io::DatasetItem& item, const eval::GroundTruth& truth, const Binder& binder) {
     if (item.id != id_ || !features_) {
       features_.reset();
@@ -139,7 +140,7 @@ class CorrectionRuns {
       features_ = run_->features(bound_.mesh, bound_.skeleton);
       id_ = item.id;
     }
-    return dense_weights(binder(*run_, *features_), bound_.order);
+    return dense_weights(binder(*run_, *features_, bound_), bound_.order);
   }
 
  private:
@@ -196,18 +197,24 @@ std::vector<eval::SkinMethod> skin_correction_methods(const std::vector<std::fil
     return made;
   };
   const auto corrected = [](double smoothing) {
-    return [smoothing](TrainedSkin& skin, const rigging::SkinFeatures& features) {
+    return [smoothing](TrainedSkin& skin, const rigging::SkinFeatures& features, const BoundTruth&) {
       return skin.weights(features, kFourInfluences, smoothing);
     };
   };
-  return {
-      method("learned", "learned correction", corrected(0.0)),
-      method("learned_smoothed", "learned correction, smoothed", corrected(kHalfSmoothed)),
-      method("heat", "bone heat",
-             [](TrainedSkin&, const rigging::SkinFeatures& features) { return classical(features, features.heat()); }),
-      method("geovoxel", "geodesic voxels", [](TrainedSkin&, const rigging::SkinFeatures& features) {
-        return classical(features, features.geodesic());
-      })};
+  return {method("learned", "learned correction", corrected(0.0)),
+          method("learned_smoothed", "learned correction, smoothed", corrected(kHalfSmoothed)),
+          method("heat", "bone heat",
+                 [](TrainedSkin&, const rigging::SkinFeatures& features, const BoundTruth&) {
+                   return classical(features, features.heat());
+                 }),
+          method("geovoxel", "geodesic voxels",
+                 [](TrainedSkin&, const rigging::SkinFeatures& features, const BoundTruth&) {
+                   return classical(features, features.geodesic());
+                 }),
+          method("fitted_heat", "bone heat as auto binds",
+                 [](TrainedSkin&, const rigging::SkinFeatures&, const BoundTruth& truth) {
+                   return rigging::bind_by_heat(truth.mesh, truth.skeleton, rigging::fitted_heat(kFourInfluences));
+                 })};
 }
 
 }  // namespace anigen::generate

@@ -56,9 +56,10 @@ class TrainedSkin {
 };
 
 /// Corrected weights as methods of a skin evaluation, and the classical ones that they correct: "learned",
-/// "learned_smoothed" (half of the neighbours' mean, to be looked at before it is used), "heat", "geovoxel"; all with
-/// at most four influences. Where the runs held folds of the real rigs out, each real rig is bound by the run whose
-/// fold holds its skeleton (that of the training's dataset, while it is there), and creatures by the first run.
+/// "learned_smoothed" (half of the neighbours' mean, to be looked at before it is used), "heat", "geovoxel";
+/// and "fitted_heat", as `auto` binds. All with at most four influences. Where the runs held folds of the real rigs
+/// out, each real rig is bound by the run whose fold holds its skeleton (that of the training's dataset, while it is
+/// there), and creatures by the first run.
 /// @param settings gets the runs @throws InputError for no run, a run without a fold beside others, two runs of one
 /// fold, or folds of different numbers
 std::vector<eval::SkinMethod> skin_correction_methods(const std::vector<std::filesystem::path>& runs, Json& settings);

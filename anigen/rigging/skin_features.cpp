@@ -20,8 +20,12 @@ namespace anigen::rigging {
 
 namespace {
 
-constexpr double kLengthFloor = 1e-3;  // added to lengths inside logarithms, in mesh sizes
-constexpr double kSameLength = 1e-5;   // lengths that differ by less, in mesh sizes, are equally near
+constexpr double kLengthFloor = 1e-3;   // added to lengths inside logarithms, in mesh sizes
+constexpr double kShareFloor = 1e-3;    // added to shares inside logarithms
+constexpr double kMiddleFloor = 0.02;   // added to lengths about the middle of a shell inside logarithms, in mesh sizes
+constexpr double kInverseFloor = 0.01;  // added to distances of which the inverse counts, in mesh sizes
+constexpr double kFarthestGap = 10.0;   // between joints, in mesh sizes
+constexpr double kSameLength = 1e-5;    // lengths that differ by less, in mesh sizes, are equally near
 
 /// Neighbours of places along edges: those of place p from offsets[p] to offsets[p + 1] of the second list.
 std::pair<std::vector<std::size_t>, std::vector<std::int32_t>> place_edges(const WeldedSurface& surface) {
@@ -94,6 +98,8 @@ double median_rigidity(const SkinWeights& skin) {
   return largest.empty() ? 1.0 : percentile(std::move(largest), 50.0);
 }
 
+float share_log(double share) { return static_cast<float>(std::log(share + kShareFloor)); }
+
 float classical_log(double weight) { return static_cast<float>(std::log(weight + kClassicalFloor)); }
 
 /// The point of a joint's bones that is nearest to a place.
@@ -129,6 +135,35 @@ int tree_hops(const std::vector<int>& parents, const std::vector<int>& depths, s
 
 }  // namespace
 
+/// Faces that hang together.
+struct SkinShell {
+  double area = 0.0, radius = 0.0;  // radius as kShellRadius
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+};
+
+/// Area of each shell and of the surface that prefers each joint.
+class JointShares {
+ public:
+  JointShares() = default;
+  JointShares(std::size_t shells, std::size_t joints)
+      : joints_(joints), of_shell_(shells * joints, 0.0), of_surface_(joints, 0.0) {}
+
+  void add(std::size_t shell, std::size_t joint, double area) {
+    of_shell_[shell * joints_ + joint] += area;
+    of_surface_[joint] += area;
+  }
+  void add(std::size_t shell, const SkinWeights& rows, std::size_t row, double area) {
+    for (std::size_t i = 0; i < rows.row_size(row); ++i)
+      add(shell, at(rows.row(row)[i].joint), area * static_cast<double>(rows.row(row)[i].weight));
+  }
+  double of_shell(std::size_t shell, std::size_t joint) const { return of_shell_[shell * joints_ + joint]; }
+  double of_surface(std::size_t joint) const { return of_surface_[joint]; }
+
+ private:
+  std::size_t joints_ = 0;
+  std::vector<double> of_shell_, of_surface_;  // [shells, J], [J]
+};
+
 struct SkinFeatures::State {
   std::size_t candidates = 0;
   WeldedSurface surface;
@@ -139,16 +174,23 @@ struct SkinFeatures::State {
   std::vector<MovingBones> bones;        // [J]
   std::vector<int> parents, depths, children;
   int deepest = 1;
-  double size = 1.0;
-  SkinWeights heat, geodesic;            // rows of places, heaviest influence first
-  std::vector<float> heat_share, reach;  // [shells, J], as kShellHeatShare and kShellReach
-  std::vector<double> shell_size;        // [shells]
+  double size = 1.0, total_area = 0.0;
+  std::vector<double> areas;     // [P]
+  SkinWeights heat, geodesic;    // rows of places, heaviest influence first
+  std::vector<SkinShell> shell;  // [shells]
+  std::vector<float> reach;      // [shells, J], as kShellReach
+  JointShares heat_shares, geodesic_shares, nearest_shares, inverse_shares;
+  std::vector<double> joint_gap, below;  // [J]
   std::array<float, kSkinAssetFeatures> asset{};
 
   std::size_t joints() const { return bones.size(); }
   void bind(const Mesh& mesh, const Skeleton& skeleton, int resolution);
   void measure_tree(const std::vector<int>& parents_of);
-  void measure_shells(const std::vector<double>& areas);
+  void measure_joints();
+  void measure_shells();
+  void measure_nearness();
+  void summarize();
+  Eigen::Vector3d position_of(std::int32_t joint) const { return bones[at(joint)].lines.front().start; }
   std::vector<std::int32_t> candidates_of(std::size_t place, const std::vector<double>& distances) const;
   void write(std::size_t place, std::int32_t* joints_out, float* features) const;
 };
@@ -178,43 +220,91 @@ void SkinFeatures::State::measure_tree(const std::vector<int>& parents_of) {
   }
 }
 
-void SkinFeatures::State::measure_shells(const std::vector<double>& areas) {
-  const std::size_t count = shells.size(), all = joints();
-  double total = 0.0;
-  std::vector<double> of_shell(count, 0.0), of_joint(all, 0.0), mass(count * all, 0.0);
-  for (std::size_t p = 0; p < areas.size(); ++p) {
-    const std::size_t shell = at(shells.of_place[p]);
-    total += areas[p];
-    of_shell[shell] += areas[p];
-    for (std::size_t i = 0; i < heat.row_size(p); ++i) {
-      const Influence& influence = heat.row(p)[i];
-      const double part = areas[p] * static_cast<double>(influence.weight);
-      mass[shell * all + at(influence.joint)] += part;
-      of_joint[at(influence.joint)] += part;
-    }
-  }
-  heat_share.assign(count * all, 0.0F);
-  reach.assign(count * all, 0.0F);
-  parallel_for(all, [&](std::size_t j) {
-    std::vector<double> distances(count, std::numeric_limits<double>::infinity());
-    for (std::size_t p = 0; p < surface.places.size(); ++p) {
-      double& nearest = distances[at(shells.of_place[p])];
-      nearest = std::min(nearest, distance_to(bones[j], surface.places[p]) / size);
-    }
-    const double least = *std::min_element(distances.begin(), distances.end());
-    for (std::size_t s = 0; s < count; ++s) {
-      reach[s * all + j] = static_cast<float>(std::log((distances[s] + kLengthFloor) / (least + kLengthFloor)));
-      if (of_joint[j] > 0.0) heat_share[s * all + j] = static_cast<float>(mass[s * all + j] / of_joint[j]);
+// Takes the square of the number of joints: some thousands at most where a mesh can be bound at all.
+void SkinFeatures::State::measure_joints() {
+  joint_gap.assign(joints(), kFarthestGap);
+  below.assign(joints(), 1.0);
+  parallel_for(joints(), [&](std::size_t j) {
+    const Eigen::Vector3d own = position_of(static_cast<std::int32_t>(j));
+    for (std::size_t other = 0; other < joints(); ++other) {
+      if (other == j) continue;
+      joint_gap[j] = std::min(joint_gap[j], (position_of(static_cast<std::int32_t>(other)) - own).norm() / size);
     }
   });
-  double largest = 0.0;
-  for (const double area : of_shell) {
-    const double share = total > 0.0 ? area / total : 1.0;
-    shell_size.push_back(std::sqrt(share));
-    largest = std::max(largest, share);
+  for (std::size_t j = joints(); j-- > 0;) {
+    if (parents[j] >= 0) below[at(parents[j])] += below[j];
   }
-  asset[kJointCount] = static_cast<float>(0.25 * std::log(static_cast<double>(all)));
-  asset[kShellCount] = static_cast<float>(0.25 * std::log(static_cast<double>(std::max<std::size_t>(1, count))));
+}
+
+void SkinFeatures::State::measure_shells() {
+  constexpr double kLeastArea = 1e-12;  // of a place, so that shells of degenerate faces have a middle, too
+  shell.resize(shells.size());
+  for (std::size_t p = 0; p < areas.size(); ++p) {
+    SkinShell& own = shell[at(shells.of_place[p])];
+    own.area += areas[p] + kLeastArea;
+    own.middle += (areas[p] + kLeastArea) * surface.places[p];
+  }
+  for (SkinShell& own : shell) own.middle /= own.area;
+  for (std::size_t p = 0; p < areas.size(); ++p) {
+    SkinShell& own = shell[at(shells.of_place[p])];
+    own.radius += (areas[p] + kLeastArea) * (surface.places[p] - own.middle).squaredNorm();
+  }
+  for (SkinShell& own : shell) {
+    own.radius = std::sqrt(own.radius / own.area) / size;
+    total_area += own.area;
+  }
+  heat_shares = JointShares(shells.size(), joints());
+  geodesic_shares = heat_shares;
+  for (std::size_t p = 0; p < areas.size(); ++p) {
+    const std::size_t own = at(shells.of_place[p]);
+    heat_shares.add(own, heat, p, areas[p]);
+    geodesic_shares.add(own, geodesic, p, areas[p]);
+  }
+  measure_nearness();
+}
+
+// Each pair of a place and a joint is measured twice, so that no memory goes with the number of pairs.
+void SkinFeatures::State::measure_nearness() {
+  const std::size_t count = shells.size(), all = joints(), places = surface.places.size();
+  const auto inverse = [](double distance) {
+    const double square = (distance + kInverseFloor) * (distance + kInverseFloor);
+    return 1.0 / (square * square);
+  };
+  std::vector<double> least(places, std::numeric_limits<double>::infinity()), sums(places, 0.0);
+  std::vector<double> equals(places, 0.0);  // joints that are nearest: bones share ends
+  parallel_for(places, [&](std::size_t p) {
+    std::vector<double> distances(all);
+    for (std::size_t j = 0; j < all; ++j) {
+      distances[j] = distance_to(bones[j], surface.places[p]) / size;
+      sums[p] += inverse(distances[j]);
+      least[p] = std::min(least[p], distances[j]);
+    }
+    for (const double distance : distances) equals[p] += distance < least[p] + kSameLength ? 1.0 : 0.0;
+  });
+  reach.assign(count * all, 0.0F);
+  nearest_shares = JointShares(count, all);
+  inverse_shares = nearest_shares;
+  parallel_for(all, [&](std::size_t j) {
+    std::vector<double> distances(count, std::numeric_limits<double>::infinity());
+    for (std::size_t p = 0; p < places; ++p) {
+      const std::size_t own = at(shells.of_place[p]);
+      const double distance = distance_to(bones[j], surface.places[p]) / size;
+      distances[own] = std::min(distances[own], distance);
+      inverse_shares.add(own, j, areas[p] * inverse(distance) / sums[p]);
+      if (distance < least[p] + kSameLength) nearest_shares.add(own, j, areas[p] / equals[p]);
+    }
+    const double closest = *std::min_element(distances.begin(), distances.end());
+    for (std::size_t s = 0; s < count; ++s)
+      reach[s * all + j] = static_cast<float>(std::log((distances[s] + kLengthFloor) / (closest + kLengthFloor)));
+  });
+}
+
+void SkinFeatures::State::summarize() {
+  double largest = 0.0;
+  for (const SkinShell& own : shell) largest = std::max(largest, own.area / total_area);
+  const auto quarter_log = [](std::size_t n) { return static_cast<float>(0.25 * std::log(static_cast<double>(n))); };
+  asset[kJointCount] = quarter_log(joints());
+  asset[kShellCount] = quarter_log(std::max<std::size_t>(1, shells.size()));
   asset[kHeatRigidity] = static_cast<float>(median_rigidity(heat));
   asset[kGeodesicRigidity] = static_cast<float>(median_rigidity(geodesic));
   asset[kLargestShellShare] = static_cast<float>(largest);
@@ -258,7 +348,8 @@ void SkinFeatures::State::write(std::size_t place, std::int32_t* joints_out, flo
     const double sum = own_heat[c] + own_geodesic[c], of_best = own_heat[best] + own_geodesic[best];
     if (sum > of_best || (sum == of_best && chosen[c] < chosen[best])) best = c;
   }
-  const std::size_t shell = at(shells.of_place[place]);
+  const std::size_t part = at(shells.of_place[place]);
+  const SkinShell& own_shell = shell[part];
   const std::size_t first = edge_offsets[place], last = edge_offsets[place + 1];
   for (std::size_t c = 0; c < candidates; ++c, features += kSkinPairFeatures) {
     joints_out[c] = -1;
@@ -293,15 +384,46 @@ void SkinFeatures::State::write(std::size_t place, std::int32_t* joints_out, flo
     features[kAlongBone] = static_cast<float>(std::clamp(bone.along, -2.0, 3.0));
     features[kBoneLength] = static_cast<float>(bone.length / size);
     features[kFacing] = static_cast<float>(facing);
-    features[kShellHeatShare] = heat_share[shell * joints() + j];
-    features[kShellReach] = reach[shell * joints() + j];
-    features[kShellSize] = static_cast<float>(shell_size[shell]);
+    const double of_joint = heat_shares.of_surface(j);
+    features[kShellHeatShare] = of_joint > 0.0 ? static_cast<float>(heat_shares.of_shell(part, j) / of_joint) : 0.0F;
+    features[kShellReach] = reach[part * joints() + j];
+    features[kShellSize] = static_cast<float>(std::sqrt(own_shell.area / total_area));
     features[kHops] = std::min(1.0F, 0.125F * static_cast<float>(tree_hops(parents, depths, joint, chosen[best])));
     features[kDepthStep] = std::clamp(0.25F * static_cast<float>(depths[j] - depths[at(chosen[best])]), -1.0F, 1.0F);
     features[kChildren] = std::min(1.0F, 0.25F * static_cast<float>(children[j]));
     features[kLeaf] = children[j] == 0 ? 1.0F : 0.0F;
     features[kDepth] = static_cast<float>(depths[j]) / static_cast<float>(deepest);
+    features[kShellHeat] = share_log(heat_shares.of_shell(part, j) / own_shell.area);
+    features[kShellGeodesic] = share_log(geodesic_shares.of_shell(part, j) / own_shell.area);
+    features[kShellNearest] = share_log(nearest_shares.of_shell(part, j) / own_shell.area);
+    features[kShellInverse] = share_log(inverse_shares.of_shell(part, j) / own_shell.area);
+    const Eigen::Vector3d pivot = position_of(joint);
+    const Eigen::Vector3d parent = parents[j] >= 0 ? position_of(parents[j]) : pivot;
+    const double middle = (own_shell.middle - pivot).norm() / size;
+    features[kJointDistance] = static_cast<float>((position - pivot).norm() / size);
+    features[kParentDistance] = static_cast<float>((position - parent).norm() / size);
+    features[kShellMiddle] = static_cast<float>(middle);
+    features[kShellMiddleRatio] =
+        static_cast<float>(std::log((middle + kMiddleFloor) / (own_shell.radius + kMiddleFloor)));
+    features[kShellRadius] = static_cast<float>(own_shell.radius);
+    features[kJointGap] = static_cast<float>(joint_gap[j]);
+    features[kParentGap] = static_cast<float>((parent - pivot).norm() / size);
+    features[kRoot] = parents[j] < 0 ? 1.0F : 0.0F;
+    features[kBelow] = static_cast<float>(0.25 * std::log(below[j]));
+    features[kSurfaceHeat] = share_log(of_joint / total_area);
+    features[kSurfaceNearest] = share_log(nearest_shares.of_surface(j) / total_area);
   }
+}
+
+const std::array<SkinFeatureScale, kSkinPairFeatures>& skin_feature_scales() {
+  static const std::array<SkinFeatureScale, kSkinPairFeatures> scales = {{
+      {-6.4F, 3.3F},  {-4.0F, 2.3F},  {-6.3F, 3.3F},  {-4.0F, 2.2F}, {0.45F, 0.35F}, {0.45F, 0.3F}, {1.3F, 1.0F},
+      {-0.1F, 1.6F},  {0.2F, 0.2F},   {-0.3F, 0.5F},  {0.5F, 0.5F},  {1.4F, 1.8F},   {0.5F, 0.4F},  {0.4F, 0.25F},
+      {0.0F, 0.55F},  {0.25F, 0.25F}, {0.25F, 0.45F}, {0.5F, 0.3F},  {-4.6F, 2.2F},  {-3.4F, 1.5F}, {-4.75F, 2.2F},
+      {-3.75F, 1.7F}, {0.5F, 0.35F},  {0.5F, 0.3F},   {0.45F, 0.3F}, {0.5F, 1.1F},   {0.3F, 0.2F},  {0.15F, 0.2F},
+      {0.25F, 0.2F},  {0.1F, 0.25F},  {0.3F, 0.3F},   {-3.5F, 1.5F}, {-3.6F, 1.6F},
+  }};
+  return scales;
 }
 
 SkinFeatures::SkinFeatures(const Mesh& mesh, const Skeleton& skeleton, const SkinFeatureOptions& options) {
@@ -313,11 +435,13 @@ SkinFeatures::SkinFeatures(const Mesh& mesh, const Skeleton& skeleton, const Ski
   state->shells = surface_parts(state->surface);
   state->normals = outward_normals(state->surface, state->shells);
   std::tie(state->edge_offsets, state->edge_ends) = place_edges(state->surface);
-  const std::vector<double> areas = place_areas(state->surface);
-  state->size = surface_size(state->surface, areas);
+  state->areas = place_areas(state->surface);
+  state->size = surface_size(state->surface, state->areas);
   state->measure_tree(skeleton.parents);
   state->bind(mesh, skeleton, options.resolution);
-  state->measure_shells(areas);
+  state->measure_joints();
+  state->measure_shells();
+  state->summarize();
   state_ = std::move(state);
 }
 

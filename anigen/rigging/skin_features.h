@@ -12,7 +12,7 @@
 namespace anigen::rigging {
 
 /// Version of the features. A network that learned from one takes no other, and cached ones of another are made again.
-inline constexpr int kSkinFeatureVersion = 1;
+inline constexpr int kSkinFeatureVersion = 2;
 /// Joints that a vertex may follow, at most.
 inline constexpr std::size_t kSkinCandidates = 16;
 /// Added to classical weights inside logarithms.
@@ -24,7 +24,7 @@ inline constexpr double kClassicalFloor = 1e-4;
 /// but for what classical weights do (geodesic voxels lie along the axes).
 enum SkinPairFeature : std::size_t {
   // Logarithms of classical weights w + kClassicalFloor; the network takes these four for the first ones.
-  kHeatLog,         ///< bone heat
+  kHeatLog,         ///< bone heat, by the published constants
   kGeodesicLog,     ///< geodesic voxels
   kHeatAround,      ///< of the mean of heat over the neighbours along edges
   kGeodesicAround,  ///< of the mean of geodesic voxels over them
@@ -42,8 +42,31 @@ enum SkinPairFeature : std::size_t {
   kChildren,        ///< joints that hang on it, a quarter, at most 1
   kLeaf,            ///< 1 without any
   kDepth,           ///< joints between it and the root, by the deepest joint's
+  // Parts of the shell's area that prefer the joint: log(share + 1e-3).
+  kShellHeat,         ///< by heat
+  kShellGeodesic,     ///< by geodesic voxels
+  kShellNearest,      ///< by the nearest bone alone
+  kShellInverse,      ///< by the distance of bones, 1 / (d + 0.01)^4
+  kJointDistance,     ///< straight distance to the joint itself
+  kParentDistance,    ///< to its parent, for a root to itself
+  kShellMiddle,       ///< distance of the joint from the middle of the shell's area
+  kShellMiddleRatio,  ///< log of that over the shell's radius, both + 0.02
+  kShellRadius,       ///< root of the mean squared distance of the shell from its middle
+  kJointGap,          ///< distance of the joint from the nearest other joint, at most 10
+  kParentGap,         ///< from its parent; 0 for a root
+  kRoot,              ///< 1 without a parent
+  kBelow,             ///< log of the number of joints below and itself, a quarter
+  kSurfaceHeat,       ///< log(share + 1e-3) of all heat, by area
+  kSurfaceNearest,    ///< of all area, by the nearest bone alone
   kSkinPairFeatures
 };
+
+/// About the mean and the standard deviation of a feature of pairs over public rigs, for networks that want numbers
+/// about 0 and 1.
+struct SkinFeatureScale {
+  float middle, spread;
+};
+const std::array<SkinFeatureScale, kSkinPairFeatures>& skin_feature_scales();
 
 /// Features of an asset.
 enum SkinAssetFeature : std::size_t {

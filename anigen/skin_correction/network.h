@@ -21,7 +21,8 @@ struct SkinCorrectionOptions : JsonOptions<SkinCorrectionOptions> {
   std::int64_t feature_version = rigging::kSkinFeatureVersion;  ///< of the features that it learns from
   std::int64_t candidates = rigging::kSkinCandidates;           ///< joints per vertex, K
   std::int64_t geovoxel_resolution = 256;                       ///< of the geodesic voxels that it corrects
-  std::int64_t width = 96;
+  std::int64_t members = 8;                                     ///< networks of which the answers are averaged
+  std::int64_t width = 32;                                      ///< of each
   std::int64_t num_blocks = 2;
   std::int64_t num_heads = 4;
   double mlp_ratio = 2.0;
@@ -42,15 +43,39 @@ class TokenAttentionImpl : public nn::AttentionLayers {
 };
 TORCH_MODULE(TokenAttention);
 
-/// Corrects the classical weights of a vertex on its candidate joints. Each pair of vertex and candidate is a token
-/// (rigging/skin_features.h); pre-norm blocks attend among the candidates of one vertex and one more token, of the
-/// asset. With h and g the weights by heat and by geodesic voxels, and a learned share m of the former,
+/// One network that corrects the classical weights of a vertex on its candidate joints. Each pair of vertex and
+/// candidate is a token (rigging/skin_features.h, scaled by skin_feature_scales()); pre-norm blocks attend among the
+/// candidates of one vertex and one more token, of the asset. With h and g the weights by heat and by geodesic voxels,
+/// and a learned share m of the former,
 ///
 ///     w = softmax(e^s (log(m h + (1 − m) g + ε) + c)),
 ///
 /// c the correction of each candidate, s the sharpening of the vertex, ε = rigging::kClassicalFloor. Both are zero at
-/// first, and m is 0.88: an untrained network gives a mixture of both classical weights. Order of candidates has no effect. Always
-/// fp32.
+/// first, and m is 0.88: an untrained network gives a mixture of both classical weights.
+class SkinCorrectorImpl : public torch::nn::Module {
+ public:
+  explicit SkinCorrectorImpl(const SkinCorrectionOptions& options);
+
+  /// @param scaled [N, K, rigging::kSkinPairFeatures] @param heat, geodesic [N, K] weights
+  /// @return [N, K] log w @see SkinCorrectionImpl::forward
+  Tensor forward(const Tensor& scaled, const Tensor& heat, const Tensor& geodesic, const Tensor& assets,
+                 const Tensor& present);
+  void start_at_classical_weights();
+
+ private:
+  std::int64_t candidates_;
+  nn::Mlp pair_ = nullptr, asset_ = nullptr;
+  std::vector<TokenAttention> attention_;
+  std::vector<nn::FeedForward> mlps_;
+  nn::Linear correction_ = nullptr, sharpening_ = nullptr;
+  Tensor mixture_;
+};
+TORCH_MODULE(SkinCorrector);
+
+/// Corrects classical weights by the mean of several networks, which start from different parameters and learn
+/// independently of each other: on skeletons that none has seen their errors differ, and their mean is nearer to the
+/// truth than each (Lakshminarayanan et al. 2017, Simple and Scalable Predictive Uncertainty Estimation using Deep
+/// Ensembles). Order of candidates has no effect. Always fp32.
 class SkinCorrectionImpl : public torch::nn::Module {
  public:
   explicit SkinCorrectionImpl(const SkinCorrectionOptions& options, nn::Init init = nn::Init::kPublished);
@@ -61,15 +86,15 @@ class SkinCorrectionImpl : public torch::nn::Module {
   /// @throws InputError on another shape
   Tensor forward(const Tensor& pairs, const Tensor& assets, const Tensor& present);
 
+  /// The answer of each network. @param noise added to scaled features, [N, K, rigging::kSkinPairFeatures]; undefined:
+  /// none @return [members, N, K] as forward()
+  Tensor of_members(const Tensor& pairs, const Tensor& assets, const Tensor& present, const Tensor& noise = {});
+
   const SkinCorrectionOptions& options() const { return options_; }
 
  private:
   SkinCorrectionOptions options_;
-  nn::Mlp pair_ = nullptr, asset_ = nullptr;
-  std::vector<TokenAttention> attention_;
-  std::vector<nn::FeedForward> mlps_;
-  nn::Linear correction_ = nullptr, sharpening_ = nullptr;
-  Tensor mixture_;
+  std::vector<SkinCorrector> members_;
 };
 TORCH_MODULE(SkinCorrection);
 

@@ -84,7 +84,7 @@ TEST_F(SkinCorrectionData, SamplesDependOnSeedAndPositionAlone) {
 }
 
 TEST_F(SkinCorrectionData, ClassicalWeightsAreSometimesUnseenInTrainingAlone) {
-  Json args = {{"drop_classical", 1.0}, {"distance_noise", 0.0}, {"eval_split", "splits/test.txt"}};
+  Json args = {{"drop_classical", 1.0}, {"eval_split", "splits/test.txt"}};
   const Datasets data = made(args);
   for (std::uint64_t position = 0; position < 8; ++position) {
     const torch::Tensor pairs = batch(data, {{0, position}})->pairs;
@@ -150,6 +150,17 @@ TEST_F(SkinCorrectionData, RealRigsHaveTheirShareOfTheSamples) {
     }
     EXPECT_NEAR(visits[true] / (visits[true] + visits[false]), share, 0.05) << share;
   }
+}
+
+TEST_F(SkinCorrectionData, EverySkeletonCanComeEquallyOften) {
+  test::write_limb_dataset(data(), 10);  // two rigs to train on share a tree, two others have one each
+  const Datasets data = made({{"real_share", 0.5}, {"even_skeletons", true}, {"split", "splits/train.txt"}});
+  std::map<std::string, double> visits;
+  for (std::size_t item = 0; item < data.train->size(); ++item)
+    visits[data.train->load({{item, 0}})->ids.front()] += 1.0;
+  EXPECT_EQ(visits["limb0"], visits["limb6"]);
+  EXPECT_EQ(visits["limb0"] + visits["limb6"], visits["limb2"]);
+  EXPECT_EQ(visits["limb2"], visits["limb4"]);
 }
 
 TEST_F(SkinCorrectionData, EveryRealRigIsHeldOutInOneFoldWithAllOfItsTree) {

@@ -99,10 +99,14 @@ TEST(SkinFeatures, AreNearlyTheSameInAnyFrame) {
     const VertexFeatures here(body), there(moved(body, turn, 0.01, {0.3, 0.0, -4.0}));
     const std::vector<double> difference = differences(body, here, there);
     for (std::size_t f = 0; f < kSkinPairFeatures; ++f) {
-      // Voxels lie along other axes: the gap between the fingers is one of them wide, and closes.
-      const bool by_voxels = f == kGeodesicLog || f == kGeodesicAround;
+      // Voxels lie along other axes: the gap between the fingers is one of them wide, and closes. Rays through the gap
+      // graze a surface, and see a bone or not by rounding.
+      const bool by_voxels = f == kGeodesicLog || f == kGeodesicAround || f == kShellGeodesic;
+      const bool by_rays = f == kHeatLog || f == kHeatAround || f == kShellHeat || f == kSurfaceHeat;
       if (by_voxels && fingers) continue;
-      EXPECT_LT(difference[f], by_voxels ? 0.2 : 0.05)
+      EXPECT_LT(difference[f], by_voxels            ? 0.2
+                               : by_rays && fingers ? 0.15
+                                                    : 0.05)
           << "feature " << f << (fingers ? " of fingers" : " of a capsule");
     }
   }

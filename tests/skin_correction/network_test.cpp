@@ -17,6 +17,7 @@ constexpr std::int64_t kRows = 5, kCandidates = 4, kPairs = rigging::kSkinPairFe
 SkinCorrectionOptions tiny_correction() {
   SkinCorrectionOptions options;
   options.candidates = kCandidates;
+  options.members = 3;
   options.width = 16;
   options.num_heads = 2;
   return options;
@@ -85,6 +86,29 @@ TEST(SkinCorrections, AllTheirParametersLearn) {
     ASSERT_TRUE(parameter.value().grad().defined()) << parameter.key();
     EXPECT_GT(parameter.value().grad().abs().max().item<double>(), 0.0) << parameter.key();
   }
+}
+
+TEST(SkinCorrections, AreTheMeanOfTheirMembers) {
+  torch::manual_seed(4);
+  const Vertices v;
+  SkinCorrection model(tiny_correction());
+  randomize(model);
+  const Tensor members = model->of_members(v.pairs, v.assets, v.present).exp();
+  ASSERT_EQ(members.sizes(), (std::vector<std::int64_t>{3, kRows, kCandidates}));
+  EXPECT_GT((members[0] - members[1]).abs().max().item<double>(), 0.01) << "they differ";
+  EXPECT_LT((model->forward(v.pairs, v.assets, v.present).exp() - members.mean(0)).abs().max().item<double>(), 1e-6);
+}
+
+TEST(SkinCorrections, SeeNoiseInFeaturesButNotInTheWeightsThatTheyCorrect) {
+  torch::manual_seed(5);
+  const Vertices v;
+  SkinCorrection model(tiny_correction());
+  const Tensor noise = torch::randn_like(v.pairs);
+  const Tensor untrained = model->of_members(v.pairs, v.assets, v.present);
+  EXPECT_TRUE(torch::equal(model->of_members(v.pairs, v.assets, v.present, noise), untrained));
+  randomize(model);
+  const Tensor clean = model->of_members(v.pairs, v.assets, v.present);
+  EXPECT_GT((model->of_members(v.pairs, v.assets, v.present, noise) - clean).abs().max().item<double>(), 0.01);
 }
 
 TEST(SkinCorrections, RefuseOtherShapes) {

@@ -21,18 +21,20 @@ using torch::Tensor;
 // Arguments of AniGenSkinCorrectionTrainer beside those all trainers share: weights of the terms.
 struct SkinCorrectionStageOptions {
   double lambda_kl = 1.0, lambda_l1 = 1.0;
+  double feature_noise = 0.2;        // of features in training, in their spreads
   std::int64_t eval_max_assets = 0;  // held-out assets, 0: all
 
   void fields(ConfigFields& f) {
     f("lambda_kl", lambda_kl, {0.0});
     f("lambda_l1", lambda_l1, {0.0});
+    f("feature_noise", feature_noise, {0.0, 10.0});
     f("eval_max_assets", eval_max_assets, {0});
   }
 };
 
-// Mean over vertices of Σ w (log(w + ε) − log ŵ), of the candidates. @param logs [N, K] log ŵ
+// Mean over networks and vertices of Σ w (log(w + ε) − log ŵ), of the candidates. @param logs [M, N, K] log ŵ
 Tensor candidate_divergence(const Tensor& truth, const Tensor& logs) {
-  return (truth * ((truth + metrics::kKlEpsilon).log() - logs)).sum(1).mean();
+  return (truth * ((truth + metrics::kKlEpsilon).log() - logs)).sum(2).mean();
 }
 
 // ℓ1 and divergence of one method, sums over vertices. What lies on joints that are no candidates is lost to both.
@@ -77,12 +79,18 @@ class SkinCorrectionStage final : public PictureStage<SkinCorrectionStage, SkinC
  public:
   using PictureStage::PictureStage;
 
-  Losses losses(const data::Batch& batch, const LossContext&) override {
+  // Each network learns from its own answer: the mean of all would let them share one error.
+  Losses losses(const data::Batch& batch, const LossContext& context) override {
     const auto& vertices = dynamic_cast<const data::SkinCorrectionBatch&>(batch);
     const Tensor truth = vertices.truth.to(device_);
-    const Tensor logs =
-        model_->forward(vertices.pairs.to(device_), vertices.assets.to(device_), vertices.present.to(device_));
-    const Tensor kl = candidate_divergence(truth, logs), l1 = (logs.exp() - truth).abs().sum(1).mean();
+    Tensor noise;
+    if (options_.feature_noise > 0.0) {
+      const at::Generator generator = loss_generator(context, "skin features");
+      noise = options_.feature_noise * torch::randn(vertices.pairs.sizes(), generator, torch::kFloat).to(device_);
+    }
+    const Tensor logs = model_->of_members(vertices.pairs.to(device_), vertices.assets.to(device_),
+                                           vertices.present.to(device_), noise);
+    const Tensor kl = candidate_divergence(truth, logs), l1 = (logs.exp() - truth).abs().sum(2).mean();
     Losses losses;
     losses.total = options_.lambda_kl * kl + options_.lambda_l1 * l1;
     losses.terms = {{"kl", kl}, {"l1", l1}};

@@ -23,9 +23,9 @@ class SkinCorrectionTraining : public ::testing::Test {
     test::write_limb_dataset(folder_ / "data", 6);
     write_file_atomically(folder_ / "config.json", R"({
       "models": {"skin_correction": {"name": "SkinCorrection", "args": {
-        "candidates": 6, "geovoxel_resolution": 32, "width": 32, "num_blocks": 1, "num_heads": 2}}},
+        "candidates": 6, "geovoxel_resolution": 32, "members": 2, "width": 32, "num_blocks": 1, "num_heads": 2}}},
       "dataset": {"name": "AniGenSkinCorrections", "args": {
-        "candidates": 6, "geovoxel_resolution": 32, "cached_vertices": 0, "vertices": 32, "real_share": 0.5,
+        "candidates": 6, "geovoxel_resolution": 32, "cached_vertices": 0, "vertices": 32, "real_share": 0.5, "even_skeletons": true,
         "split": "splits/train.txt", "eval_split": "splits/test.txt"}},
       "trainer": {"name": "AniGenSkinCorrectionTrainer", "args": {
         "max_steps": 150, "batch_size": 4, "seed": 3, "ema_rate": [0.9], "fp16_mode": "none",
@@ -93,7 +93,7 @@ TEST_F(SkinCorrectionTraining, AConfigThatDoesNotFitIsRefused) {
   for (const char* wrong :
        {"models.skin_correction.args.candidates=5", "models.skin_correction.args.geovoxel_resolution=64",
         "models.skin_correction.args.feature_version=99", "dataset.name=AniGenMattings", "dataset.args.fold=7/5",
-        "trainer.args.lambda_l1=-1"})
+        "trainer.args.lambda_l1=-1", "trainer.args.feature_noise=-1", "models.skin_correction.args.members=0"})
     EXPECT_THROW(train(test::train_command(folder_, "wrong", {wrong})), InputError) << wrong;
 }
 
