@@ -5,7 +5,7 @@
 
 BIN has the programs. Rows take turns, so that what else the machine does falls on all alike; medians of N rounds, files
 in the page cache. *start*: `--help`, which loads no LibTorch. *LibTorch*: what `--version` takes longer. *work*: what the
-command takes beyond these, of which the first two columns are the floor. Needs nothing but Python."""
+command takes beyond its start, LibTorch included where it needs it. Needs nothing but Python."""
 import argparse
 import os
 import pathlib

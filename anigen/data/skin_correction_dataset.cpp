@@ -322,13 +322,16 @@ void SkinCorrectionDataset::arrange_visits(bool training) {
 }
 
 // Real rigs so that every joint tree comes once in each round, with another of its rigs in turn; as many rounds as the
-// commonest tree has rigs, and at most 64.
+// commonest tree has rigs, so that none is left out.
 std::vector<std::size_t> SkinCorrectionDataset::evenly_by_skeleton(const std::vector<std::size_t>& real) const {
-  constexpr std::size_t kMostRounds = 64;
+  constexpr std::size_t kMostVisits = std::size_t{1} << 24;
   std::map<std::string, std::vector<std::size_t>> by_tree;
   for (const std::size_t i : real) by_tree[skeleton_signature_of(assets_[i])].push_back(i);
-  std::size_t rounds = 0;
-  for (const auto& tree : by_tree) rounds = std::max(rounds, std::min(kMostRounds, tree.second.size()));
+  std::size_t commonest = 0;
+  for (const auto& tree : by_tree) commonest = std::max(commonest, tree.second.size());
+  const std::size_t rounds = std::min(commonest, std::max<std::size_t>(1, kMostVisits / by_tree.size()));
+  if (rounds < commonest)
+    log::warn("even_skeletons: of {} rigs of one joint tree only {} are trained on", commonest, rounds);
   std::vector<std::size_t> even;
   for (std::size_t round = 0; round < rounds; ++round) {
     for (const auto& tree : by_tree) even.push_back(tree.second[round % tree.second.size()]);

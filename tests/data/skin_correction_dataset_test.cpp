@@ -163,6 +163,25 @@ TEST_F(SkinCorrectionData, EverySkeletonCanComeEquallyOften) {
   EXPECT_EQ(visits["limb2"], visits["limb4"]);
 }
 
+TEST_F(SkinCorrectionData, NoRigOfACommonSkeletonIsLeftOut) {
+  constexpr int kRigs = 70;
+  std::ofstream csv(data() / "metadata.csv");
+  csv << "sha256,file_identifier,source,is_bad_skin,is_bad_skeleton\nlimb1,procedural/5/"
+         "1,procedural:limb,False,False\n";
+  for (int i = 0; i < kRigs; ++i) {
+    const std::string id = "arm" + std::to_string(i);
+    csv << id << ",limbs/" << id << ".glb,real,False,False\n";
+    fs::create_directories(data() / "skeleton" / id);
+    test::write_limb(data() / "skeleton" / id / "skeleton_voxelized.npz", 3, 0.05);
+  }
+  csv.close();
+  const Datasets found = made({{"real_share", 0.5}, {"even_skeletons", true}, {"cached_vertices", 10}});
+  std::set<std::string> visited;
+  for (std::size_t item = 0; item < found.train->size(); ++item)
+    visited.insert(found.train->load({{item, 0}})->ids.front());
+  EXPECT_EQ(visited.size(), static_cast<std::size_t>(kRigs) + 1);
+}
+
 TEST_F(SkinCorrectionData, EveryRealRigIsHeldOutInOneFoldWithAllOfItsTree) {
   // Three real rigs of three trees; a fourth one shares a tree.
   test::write_limb_dataset(data(), 8);
