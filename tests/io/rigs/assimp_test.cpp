@@ -410,7 +410,11 @@ std::string status_of_children() {
     std::ifstream children(task.path() / "children");
     for (std::string child; children >> child;) {
       std::ifstream file("/proc/" + child + "/status");
-      text.append(std::istreambuf_iterator<char>(file), {});
+      try {
+        text.append(std::istreambuf_iterator<char>(file), {});
+      } catch (const std::ios_base::failure&) {
+        continue;  // the process has ended since its file was opened
+      }
     }
   }
   return text;
