@@ -77,6 +77,7 @@ void add_step_options(CLI::App& app, Arguments& a) {
   add_option(app, "--key-frames", plan.poses.key_frames)->excludes(random_poses);
   add_option(app, "--pose-probability", plan.poses.probability)->check(number(0, 1));
   add_option(app, "--pose-angle", plan.poses.max_angle)->check(number(0, 180));
+  add_option(app, "--pose-scale", plan.poses.anisotropic_scale)->check(number(0, 1));
   add_option(app, "--voxel-resolution", a.dataset.resolution)->check(whole_number(2, 1024));
   add_option(app, "--views", a.dataset.views)->check(whole_number(0, 1000));
   add_option(app, "--view-size", a.dataset.view_size)->check(whole_number(8, 4096));
@@ -137,7 +138,7 @@ void refuse_ignored(const CLI::App& app, const Arguments& a, const prepare::Step
   if (!plan.wants("voxels") && !features)
     refuse_given(app, {"--voxel-resolution"}, "is of voxels, and --only leaves them out");
   if (plan.variants == 0 && app.get_option("--augment")->count() == 0) {
-    refuse_given(app, {"--random-poses", "--key-frames", "--pose-probability", "--pose-angle"},
+    refuse_given(app, {"--random-poses", "--key-frames", "--pose-probability", "--pose-angle", "--pose-scale"},
                  "is of the variants of --augment, and none are made");
   }
   if (plan.poses.key_frames)

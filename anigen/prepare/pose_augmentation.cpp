@@ -310,6 +310,7 @@ void PoseAugmentation::validate() const {
   in_range("least_motion", least_motion, 0.0, 1e6, "0 … 1e6");
   in_range("probability", probability, 0.0, 1.0, "0 … 1");
   in_range("max_angle", max_angle, 0.0, 180.0, "0 … 180 degrees");
+  in_range("anisotropic_scale", anisotropic_scale, 0.0, 1.0, "0 … 1");
   in_range("attempts", attempts, 1.0, kMostAttempts, "1 … 1000");
   if (key_frames && !own_motion) throw InputError("", "key_frames", "are of the asset's own motion, which is off");
   limits.validate();
@@ -324,6 +325,7 @@ std::string variant_id(const std::string& source_id, std::uint64_t seed, std::si
 Json settings_of(const PoseAugmentation& options) {
   Json json = options;
   if (options.key_frames) json["key_frames"] = true;
+  if (options.anisotropic_scale > 0.0) json["anisotropic_scale"] = options.anisotropic_scale;
   return json;
 }
 
@@ -363,6 +365,14 @@ MotionPose PoseAugmenter::own_pose(std::size_t k, int attempt, Rng& rng) const {
   const double place = attempt > 0 ? rng.uniform() : first_place_ + static_cast<double>(k) * kGoldenRatio;
   const MotionPose pose = motion_.at(place - std::floor(place));
   return rng.chance(options_.blend_probability) ? motion_.blended(pose, rng) : pose;
+}
+
+Eigen::Vector3d PoseAugmenter::axis_factors(std::size_t k) const {
+  Rng rng(seed_, "axes of pose " + std::to_string(k) + " of " + source_id_);
+  Eigen::Vector3d factors;
+  for (double& factor : factors)
+    factor = std::exp(rng.uniform(-options_.anisotropic_scale, options_.anisotropic_scale));
+  return factors;
 }
 
 PoseAugmenter::Draw PoseAugmenter::draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const {
@@ -421,7 +431,7 @@ std::optional<Asset> PoseAugmenter::variant(std::size_t k, Provenance& provenanc
     if (kind == PoseKind::kAnimation && (!options_.own_motion || motion_.empty())) continue;
     provenance.kind = kind;
     for (int attempt = 0; attempt < options_.attempts; ++attempt) {
-      const Draw drawn = draw(kind, k, attempt, provenance);
+      Draw drawn = draw(kind, k, attempt, provenance);
       provenance.turned = drawn.turned;
       provenance.largest_angle = drawn.largest_angle;
       std::string problem;
@@ -430,6 +440,12 @@ std::optional<Asset> PoseAugmenter::variant(std::size_t k, Provenance& provenanc
         provenance.rejections.push_back(to_string(kind) + ": " + problem);
         provenance.attempt = static_cast<int>(provenance.rejections.size());
         continue;
+      }
+      if (options_.anisotropic_scale > 0.0) {
+        provenance.axis_factors = axis_factors(k);
+        for (Eigen::Matrix4d& world : drawn.world)
+          world.topRows<3>() = provenance.axis_factors.asDiagonal() * world.topRows<3>();
+        for (Eigen::Vector3f& vertex : *vertices) vertex = vertex.cwiseProduct(provenance.axis_factors.cast<float>());
       }
       Asset posed = bake_pose(*asset_, drawn.world, std::move(*vertices));
       posed.name += "_pose" + std::to_string(k);

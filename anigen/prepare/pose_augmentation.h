@@ -86,6 +86,7 @@ struct PoseAugmentation {
   double least_motion = 0.02;      ///< a clip that moves the mesh less (RMS, of its longest side) is not used
   double probability = 0.8;        ///< of each joint to be turned, in a random pose
   double max_angle = 60.0;         ///< degrees, 0 … 180; angles are uniform between 0 and this
+  double anisotropic_scale = 0.0;  ///< each axis of the variant by exp(u), u uniform in ± this, 0 … 1
   bool include_root = true;        ///< the root is a joint like any other: the whole object turns
   int attempts = 8;                ///< draws of one kind before giving up, 1 … 1000
   PoseLimits limits;
@@ -97,7 +98,7 @@ struct PoseAugmentation {
 ANIGEN_JSON_RECORD(PoseAugmentation, own_motion, blend_probability, least_motion, probability, max_angle, include_root,
                    attempts, limits)
 
-/// The options as JSON, key_frames only where it is set: what was made without it keeps its ids.
+/// The options as JSON, key_frames and anisotropic_scale only where they are set: what was made without keeps its ids.
 Json settings_of(const PoseAugmentation& options);
 
 /// Changes whenever the same arguments would give other variants.
@@ -119,11 +120,11 @@ std::string variant_id(const std::string& source_id, std::uint64_t seed, std::si
 /// of them when that one degenerates; there are no more variants than key frames, and none of an asset without clips.
 /// Anymate's data have up to three such samples of an asset (docs/reference/anymate.md, 1.1).
 ///
-/// A variant is the source's mesh under linear blend skinning (file normals turn with their surroundings), moved into
-/// [-0.5, 0.5]³ again. The pose is its bind pose and its rest pose alike; joint orientations follow, with the frames
-/// being stripped of their scale where a sheared pose could not be written as translation, rotation and scale. Faces,
-/// weights, UVs, colours, materials and images are the source's. Animations are dropped: their keys mean a
-/// motion of the source's rest pose.
+/// A variant is the source's mesh under linear blend skinning (file normals turn with their surroundings), its axes
+/// scaled where `anisotropic_scale` says so, moved into [-0.5, 0.5]³ again. The pose is its bind pose and its rest pose
+/// alike; joint orientations follow, with the frames being stripped of their scale where a sheared pose could not be
+/// written as translation, rotation and scale. Faces, weights, UVs, colours, materials and images are the source's.
+/// Animations are dropped: their keys mean a motion of the source's rest pose.
 ///
 /// A function of (seed, source id, k, options, asset) alone. Poses that degenerate (PoseChecks) are drawn anew.
 class PoseAugmenter {
@@ -139,6 +140,7 @@ class PoseAugmenter {
  private:
   struct Draw;
   Draw draw(PoseKind kind, std::size_t k, int attempt, Provenance& provenance) const;
+  Eigen::Vector3d axis_factors(std::size_t k) const;
   MotionPose own_pose(std::size_t k, int attempt, Rng& rng) const;
   /// Vertices of the pose; nothing when a limit is broken, with the sentence in `problem`.
   std::optional<std::vector<Eigen::Vector3f>> accepted(const std::vector<Eigen::Matrix4d>& world,

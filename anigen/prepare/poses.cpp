@@ -214,6 +214,8 @@ Json to_json(const Provenance& provenance) {
   json["attempt"] = provenance.attempt;
   json["turned_joints"] = provenance.turned;
   json["largest_angle_degrees"] = provenance.largest_angle;
+  if (const Eigen::Vector3d& factors = provenance.axis_factors; factors != Eigen::Vector3d::Ones())
+    json["axis_factors"] = {factors.x(), factors.y(), factors.z()};
   json["scale"] = provenance.renormalization.scale;
   const Eigen::Vector3d& offset = provenance.renormalization.offset;
   json["offset"] = {offset.x(), offset.y(), offset.z()};

@@ -104,10 +104,11 @@ struct Provenance {
   int attempt = 0;             ///< draws rejected before this one
   std::size_t turned = 0;      ///< joints whose orientation relative to the parent differs from the source's bind pose
   double largest_angle = 0.0;  ///< degrees, of those joints
-  Similarity renormalization;  ///< variant = scale · posed + offset
-  PoseMeasures measures;       ///< of the pose that was taken, or of the last one rejected
-  std::vector<std::string> rejections;    ///< why the draws before failed, in order
-  std::vector<std::string> unused_clips;  ///< "<name>: <reason>"
+  Eigen::Vector3d axis_factors = Eigen::Vector3d::Ones();  ///< of the posed asset, see PoseAugmentation
+  Similarity renormalization;                              ///< variant = scale · (posed, its axes scaled) + offset
+  PoseMeasures measures;                                   ///< of the pose that was taken, or of the last one rejected
+  std::vector<std::string> rejections;                     ///< why the draws before failed, in order
+  std::vector<std::string> unused_clips;                   ///< "<name>: <reason>"
 };
 
 /// All of it, with measures rounded to six digits.

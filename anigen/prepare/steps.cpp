@@ -447,6 +447,7 @@ void StepPlan::fields(ConfigFields& f) {
   f("key_frames", poses.key_frames);
   f("pose_probability", poses.probability);
   f("pose_max_angle", poses.max_angle);
+  f("pose_anisotropic_scale", poses.anisotropic_scale);
   f.object("cleaning", cleaning);
   // Seeds use all 64 bits.
   f.custom(

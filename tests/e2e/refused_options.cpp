@@ -188,6 +188,7 @@ void check_ignored(Check& check, bool torch) {
   check.refuses(data + "--views 2 --cond-view-size 64", {"--cond-view-size"});
   check.refuses(data + "--view-geometry", {"--view-geometry"});
   check.refuses(data + "--pose-angle 20", {"--pose-angle", "--augment"});
+  check.refuses(data + "--pose-scale 0.2", {"--pose-scale", "--augment"});
   check.refuses(data + "--key-frames", {"--key-frames", "--augment"});
   check.refuses(data + "--augment 2 --key-frames --random-poses", {"--key-frames", "--random-poses"});
   check.refuses(data + "--augment 2 --key-frames --pose-angle 20", {"--pose-angle", "--key-frames"});

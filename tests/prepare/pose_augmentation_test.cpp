@@ -263,6 +263,40 @@ TEST(PoseAugmentation, DependsOnSeedIdAndKAloneAndNotOnThreads) {
   for (std::size_t i = 0; i < 8; ++i) EXPECT_TRUE(equal(variants[i].value(), make("a", 1, 7 - i))) << i;
 }
 
+TEST(PoseAugmentation, AxesAreScaledAfterThePose) {
+  const Asset asset = tube(5);
+  PoseAugmentation scaled = anything();
+  scaled.anisotropic_scale = 0.4;
+  Provenance plain_provenance, provenance;
+  double least = 1.0, most = 1.0;
+  for (std::size_t k = 0; k < 8; ++k) {
+    const Asset plain = posed_variant(asset, "a", 1, k, anything(), plain_provenance).value();
+    const Asset variant = posed_variant(asset, "a", 1, k, scaled, provenance).value();
+    EXPECT_TRUE(validate(variant).empty());
+    EXPECT_EQ(plain_provenance.axis_factors, Vector3d::Ones());
+    const Vector3d factors = provenance.axis_factors;
+    least = std::min(least, factors.minCoeff());
+    most = std::max(most, factors.maxCoeff());
+    // Both lie in the unit box, so only ratios of differences tell the factors.
+    const Vector3f from = plain.mesh.vertices[0], to = variant.mesh.vertices[0];
+    const double unit = provenance.renormalization.scale / plain_provenance.renormalization.scale;
+    for (std::size_t v = 1; v < plain.mesh.vertices.size(); ++v) {
+      const Vector3d expected = unit * factors.cwiseProduct((plain.mesh.vertices[v] - from).cast<double>());
+      EXPECT_LT(((variant.mesh.vertices[v] - to).cast<double>() - expected).norm(), 1e-5);
+    }
+    const std::vector<Vector3d> joints = variant.skeleton.positions(), plain_joints = plain.skeleton.positions();
+    for (std::size_t j = 1; j < joints.size(); ++j) {
+      const Vector3d expected = unit * factors.cwiseProduct(plain_joints[j] - plain_joints[0]);
+      EXPECT_LT((joints[j] - joints[0] - expected).norm(), 1e-6);
+    }
+  }
+  EXPECT_LT(least, 0.85);
+  EXPECT_GT(most, 1.15);
+  EXPECT_GE(least, std::exp(-0.4));
+  EXPECT_LE(most, std::exp(0.4));
+  EXPECT_NE(variant_id("a", 1, 0, scaled), variant_id("a", 1, 0, anything()));
+}
+
 TEST(PoseAugmentation, LeavesTheRootAloneWhenAsked) {
   PoseAugmentation options = anything();
   options.include_root = false;
@@ -457,6 +491,8 @@ TEST(PoseAugmentation, RefusesBadOptionsAndBrokenAssets) {
   refuses([](PoseAugmentation& o) { o.probability = NAN; });
   refuses([](PoseAugmentation& o) { o.max_angle = -1.0; });
   refuses([](PoseAugmentation& o) { o.max_angle = 200.0; });
+  refuses([](PoseAugmentation& o) { o.anisotropic_scale = -0.1; });
+  refuses([](PoseAugmentation& o) { o.anisotropic_scale = NAN; });
   refuses([](PoseAugmentation& o) { o.attempts = 0; });
   refuses([](PoseAugmentation& o) { o.limits.most_buried = NAN; });
   const auto refuses_asset = [&](auto change) {

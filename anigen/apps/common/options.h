@@ -194,6 +194,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--key-frames", 0, "", "Preparation", "Take poses at key frames of the assets' own animations alone: none in between, none of assets without", ""},
     {"--pose-probability", 0, "X", "Preparation", "Probability of each joint to be turned in a random pose", ""},
     {"--pose-angle", 0, "X", "Preparation", "Largest angle of a random pose, degrees", ""},
+    {"--pose-scale", 0, "X", "Preparation", "Scale each axis of a variant by exp(u), u uniform between -X and X", ""},
     {"--voxel-resolution", 0, "N", "Preparation", "Cells along a side of the voxel grid", "prepare:--resolution"},
     {"--views", 0, "N", "Preparation", "Views for features (published: 150)", ""},
     {"--view-size", 0, "N", "Preparation", "Their side in pixels", ""},
