@@ -1,5 +1,6 @@
 #include "anigen/flow/matching.h"
 
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -94,6 +95,11 @@ Tensor TimeSchedule::sample(std::int64_t count, at::Generator generator) const {
 
 Tensor TimeSchedule::from_draws(const Tensor& draws) const {
   return kind == Kind::kUniform ? draws : torch::sigmoid(draws * deviation + mean);
+}
+
+Tensor TimeSchedule::quantiles(const Tensor& probabilities) const {
+  // Φ⁻¹(p) = √2 erf⁻¹(2p − 1)
+  return from_draws(kind == Kind::kUniform ? probabilities : std::sqrt(2.0) * (2.0 * probabilities - 1.0).erfinv());
 }
 
 Tensor draw_condition_dropout(std::int64_t count, double probability, at::Generator generator) {

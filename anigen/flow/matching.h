@@ -67,6 +67,8 @@ struct TimeSchedule : JsonOptions<TimeSchedule> {
   Tensor sample(std::int64_t count, at::Generator generator) const;
   /// The times that belong to given draws: standard normal ones for logitNormal, uniform ones for uniform.
   Tensor from_draws(const Tensor& draws) const;
+  /// The times that training draws earlier than with these probabilities. @param probabilities in (0, 1)
+  Tensor quantiles(const Tensor& probabilities) const;
 };
 
 /// Classifier-free guidance needs a model that also knows the absence of a condition: in training each item's

@@ -259,6 +259,7 @@ void FlowStageOptions::flow_fields(ConfigFields& f, double cfg_strength) {
   f("sample_assets", sample_assets, {1, 64});
   f("eval_max_assets", eval_max_assets, {0});
   f("eval_times", eval_times, {1, 1000});
+  f("eval_on_schedule", eval_on_schedule);
 }
 
 std::size_t FlowStageOptions::eval_count(std::size_t held_out) const {
@@ -267,7 +268,8 @@ std::size_t FlowStageOptions::eval_count(std::size_t held_out) const {
 }
 
 torch::Tensor FlowStageOptions::eval_grid() const {
-  return (torch::arange(eval_times).to(torch::kFloat32) + 0.5) / static_cast<double>(eval_times);
+  const torch::Tensor even = (torch::arange(eval_times).to(torch::kFloat32) + 0.5) / static_cast<double>(eval_times);
+  return eval_on_schedule ? t_schedule.quantiles(even) : even;
 }
 
 }  // namespace anigen::flow

@@ -109,7 +109,10 @@ struct FlowStageOptions {
   std::int64_t sample_assets = 4;    ///< rows of a sheet of samples
   std::int64_t eval_max_assets = 0;  ///< held-out assets, 0: all
   std::int64_t eval_times = 4;       ///< flow times per held-out asset
-  std::uint64_t seed = 0;            ///< of evaluation and samples: the trainer's
+  /// False: times evenly between 0 and 1; true: as the training draws them, so that a flow that learns late times alone
+  /// is not judged where it knows nothing.
+  bool eval_on_schedule = false;
+  std::uint64_t seed = 0;  ///< of evaluation and samples: the trainer's
 
   /// All but the seed. `image_encoder` is read by make_condition_encoder().
   /// @param cfg_strength of the published pipeline in this stage
@@ -118,7 +121,8 @@ struct FlowStageOptions {
 
   /// Number of held-out assets that an evaluation covers.
   std::size_t eval_count(std::size_t held_out) const;
-  /// The times (k + ½) / eval_times of an evaluation, [eval_times] fp32.
+  /// Times of an evaluation, [eval_times] fp32: (k + ½) / eval_times, with eval_on_schedule these quantiles of
+  /// t_schedule.
   torch::Tensor eval_grid() const;
 };
 

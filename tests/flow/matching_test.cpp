@@ -4,6 +4,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/flow/matching.h"
+#include "anigen/flow/sampler.h"
 
 namespace anigen::flow {
 
@@ -55,6 +56,28 @@ TEST(TimeSchedule, LogitNormalHasItsMedianAndSpread) {
   // Standard errors of 20,000 draws: 0.007 of the mean, 0.005 of the deviation.
   EXPECT_NEAR(logit.mean().item<double>(), 1.0, 0.04);
   EXPECT_NEAR(logit.std().item<double>(), 1.0, 0.03);
+}
+
+TEST(TimeSchedule, QuantilesCutDrawsIntoEqualParts) {
+  constexpr std::int64_t kDraws = 200'000, kParts = 5;
+  const Tensor probabilities = (torch::arange(kParts).to(torch::kFloat32) + 0.5) / static_cast<double>(kParts);
+  for (const char* config : {R"({"name": "uniform"})", R"({"name": "logitNormal", "args": {"mean": 4, "std": 1.5}})"}) {
+    const TimeSchedule schedule = TimeSchedule::from_json(Json::parse(config));
+    const Tensor draws = schedule.sample(kDraws, generator(3));
+    const Tensor times = schedule.quantiles(probabilities);
+    // The share of 200,000 draws below a quantile spreads by .0011.
+    for (std::int64_t k = 0; k < kParts; ++k)
+      EXPECT_NEAR((draws < times[k]).to(torch::kFloat64).mean().item<double>(), probabilities[k].item<double>(), 0.005);
+  }
+}
+
+TEST(FlowStageOptions, EvaluatesEvenlyOrWhereTrainingLooks) {
+  FlowStageOptions options;
+  options.t_schedule.mean = 4.0;
+  EXPECT_TRUE(torch::allclose(options.eval_grid(), torch::tensor({0.125, 0.375, 0.625, 0.875}, torch::kFloat32)));
+  options.eval_on_schedule = true;
+  EXPECT_TRUE(torch::equal(options.eval_grid(),
+                           options.t_schedule.quantiles(torch::tensor({0.125, 0.375, 0.625, 0.875}, torch::kFloat32))));
 }
 
 TEST(TimeSchedule, DrawsDependOnTheGeneratorAlone) {

@@ -38,7 +38,7 @@ std::unique_ptr<Stage> make_structured_latent_autoencoder_stage(const StageReque
 /// per item, shared by both streams, independent noise; L = mse + mse_skl. Terms: "mse", "mse_skl", and both for every
 /// tenth of the time axis that a micro-batch has items in, "bin_0.mse" … "bin_9.mse_skl".
 ///
-/// Evaluation on held-out assets: "mse" and "mse_skl" at the times (k + ½) / eval_times with fixed noise and condition
+/// Evaluation on held-out assets: "mse" and "mse_skl" at the times of eval_grid() with fixed noise and condition
 /// views, the mean over assets and times. The same draws at every evaluation, so that its numbers can be compared.
 /// samples.png: for some held-out assets (or training assets, where none is held out) the condition picture, a sample
 /// with and one without guidance, and the asset's own latents decoded. From fixed noise.
