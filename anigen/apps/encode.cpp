@@ -40,7 +40,8 @@ int main(int argc, char** argv) {
   add_encoding_options(slat, structured);
   CLI::Option* seen = add_option(slat, "--ss-flow", structured.ss_flow,
                                  ": encode at the voxels that it sees in one view of each asset, for `seen_models` of "
-                                 "stage 5; with features surface and assets/");
+                                 "stage 5, with features surface and assets/; or, of a flow without images, at the "
+                                 "skeleton's voxels that it finds in each asset");
   add_option(slat, "--ss-dae", structured.ss_dae)->needs(seen);
   add_option(slat, "--view", structured.view)->needs(seen)->check(whole_number(0));
   CLI::App& back = program.command("reconstruct", "Assets through the auto-encoder of stage 3, to rigged GLB files");

@@ -444,8 +444,6 @@ StructuredLatentOptions StructuredLatentOptions::read(ConfigReader& reader, bool
   f("memory_budget_mb", options.memory_budget_mb, {0, 1 << 24});
   options.seen_models = reader.texts("seen_models", {});
   f("seen_share", options.seen_share, {0.0, 1.0});
-  if (!options.seen_models.empty() && !image_conditioned)
-    throw reader.error("seen_models", "are of views, which only AniGenImageConditionedSLat reads");
   return options;
 }
 
@@ -482,7 +480,7 @@ std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<
 
 StructuredLatentDataset::VoxelPair StructuredLatentDataset::normalized(const fs::path& path, bool seen) const {
   VoxelPair pair{read_voxel_arrays(path, "coords", "feats"), read_voxel_arrays(path, "coords_skl", "feats_skl"), {}};
-  if (seen) {
+  if (seen && options_.image_conditioned) {
     const std::int64_t view = whole_numbers(read_arrays(path, {{"view", {1}}}), "view", path.string()).front();
     if (view < 0) throw InputError(path.string(), "view", "must not be negative");
     pair.view = static_cast<std::size_t>(view);

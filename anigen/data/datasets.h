@@ -186,8 +186,8 @@ struct StructuredLatentOptions : LatentDatasetOptions {
   bool bucket_by_voxels = false;         ///< batches of assets with similar numbers of voxels
   std::int64_t memory_budget_mb = 8192;  ///< nearest-surface solvers kept in memory
   /// More folders below latents/: at the voxels that a first flow sees in one view (anigen-encode slat --ss-flow),
-  /// which then is the condition. `seen_share` of the samples come from one of these where the asset is in it; held-out
-  /// assets do not. At inference the second flow meets such voxels alone.
+  /// which then is the condition, or without images in the mesh. `seen_share` of the samples come from one of these
+  /// where the asset is in it; held-out assets do not. At inference the second flow meets such voxels alone.
   std::vector<std::string> seen_models;
   double seen_share = 0.5;
 

@@ -13,6 +13,8 @@
 #include "anigen/data/view_files.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/generate/assemble.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/generate/field_rigger.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/nn/profile.h"
 
@@ -131,12 +133,24 @@ class StructuredLatents : public LatentSource {
   StructuredLatentCoder coder_;
 };
 
+StructureGenerator::Request first_flow(const EncodeRequest& request, bool pictures) {
+  StructureGenerator::Request flow;
+  flow.run = request.ss_flow;
+  flow.autoencoder = request.ss_dae;
+  flow.device = request.device;
+  flow.pictures = pictures;
+  return flow;
+}
+
 /// Latents at the voxels that a first flow sees in one view of each asset, with surface features that are computed
 /// there.
 class SeenLatents : public StructuredLatents {
  public:
   explicit SeenLatents(const EncodeRequest& request)
-      : StructuredLatents(request), view_(request.view), flow_(flow_request(request)), pictures_(/*bytes=*/0) {}
+      : StructuredLatents(request),
+        view_(request.view),
+        flow_(first_flow(request, /*pictures=*/true)),
+        pictures_(/*bytes=*/0) {}
 
   std::string fingerprint() const override {
     const nn::RunModel& flow = flow_.flow();
@@ -168,13 +182,6 @@ class SeenLatents : public StructuredLatents {
   }
 
  private:
-  static StructureGenerator::Request flow_request(const EncodeRequest& request) {
-    StructureGenerator::Request flow;
-    flow.run = request.ss_flow;
-    flow.autoencoder = request.ss_dae;
-    flow.device = request.device;
-    return flow;
-  }
   std::size_t view_of(const data::AssetId& asset) const {
     const std::size_t views = data::condition_views(data::condition_folder(asset)).size();
     if (views == 0) throw InputError(data::condition_folder(asset).string(), "", "there are no condition views");
@@ -184,6 +191,40 @@ class SeenLatents : public StructuredLatents {
   std::size_t view_;
   StructureGenerator flow_;
   data::PictureCache pictures_;
+};
+
+/// Latents at the assets' own voxels of the surface, and at those of the skeleton that a first flow without images
+/// finds in them: what the second flow of a FieldRigger meets.
+class FoundSkeletonLatents : public StructuredLatents {
+ public:
+  explicit FoundSkeletonLatents(const EncodeRequest& request)
+      : StructuredLatents(request), flow_(first_flow(request, /*pictures=*/false)) {
+    if (!flow_.finds_skeletons()) {
+      throw InputError(flow_.flow().config.string(), "/trainer/args/p_given_shape",
+                       "a flow that finds the skeleton of a shape was trained with 1");
+    }
+    if (request.view != 0) throw InputError("", "--view", "is of flows that see images; this one sees the mesh");
+  }
+
+  std::string fingerprint() const override {
+    return sha256(StructuredLatents::fingerprint() +
+                  fingerprint_of_files({flow_.flow().checkpoint, flow_.flow().config}));
+  }
+
+  void encode(const data::AssetId& asset, const fs::path& file) override {
+    const sparse::SparseTensor shape = coder().inputs(asset).x;
+    const torch::Tensor at = shape.support->coords().to(torch::kCPU, torch::kInt64);
+    torch::Tensor voxels =
+        torch::zeros({coder().resolution(), coder().resolution(), coder().resolution()}, torch::kBool);
+    voxels.index_put_({at.select(1, 1), at.select(1, 2), at.select(1, 3)}, true);
+    const flow::Streams noise = flow_.noise(noise_generator(FieldRigger::Request().seed));
+    const torch::Tensor skeleton = flow_.skeleton_of(voxels, noise).voxels;
+    if (!skeleton.any().item<bool>()) throw InputError(asset.id, "", "the first flow finds no skeleton in this asset");
+    coder().write(coder().encode(coder().inputs_with_skeleton(asset, skeleton)), file);
+  }
+
+ private:
+  StructureGenerator flow_;
 };
 
 std::vector<std::string> wanted_ids(const ReconstructRequest& request) {
@@ -262,6 +303,10 @@ EncodeResult encode_sparse_structure(const EncodeRequest& request) {
 
 EncodedLatents encode_structured_latents(const EncodeRequest& request) {
   const LatentFolder folder(request.data, request.name, request.run, LatentKind::kStructured);
+  if (!request.ss_flow.empty() && is_rig_flow(request.ss_flow)) {
+    FoundSkeletonLatents source(request);
+    return encode_latents(request, folder, source);
+  }
   if (!request.ss_flow.empty()) {
     SeenLatents source(request);
     return encode_latents(request, folder, source);

@@ -30,9 +30,9 @@ std::string to_text(const EncodeResult& result);
 /// Writes the latents that stage 5 learns from (docs/reference/training.md, 1.1 and 1.2), of all assets with the
 /// features its encoder reads: `latents/<name>/<id>.npz` with `coords` [N, 3] uint8, `feats` [N, 16] (geometry 8, skin
 /// 8), `coords_skl` [M, 3] uint8 and `feats_skl` [M, 4] fp32; the geometry's posterior mean, skin and skeleton as they
-/// are normalised, without noise. With `ss_flow`, at the voxels that it sees in a view, which the file names. Beside
-/// the folder the statistics, whose JSON holds `normalization` for the dataset of stage 5; in metadata.csv the column
-/// `latent_<name>`.
+/// are normalised, without noise. With `ss_flow`, at the voxels that it sees in a view, which the file names; with one
+/// without images, at the asset's own voxels and those of the skeleton that it finds in them. Beside the folder the
+/// statistics, whose JSON holds `normalization` for the dataset of stage 5; in metadata.csv the column `latent_<name>`.
 /// @throws InputError when the run is unusable, and as encode_latents(), which says what is kept and what is replaced
 EncodedLatents encode_structured_latents(const EncodeRequest& request);
 

@@ -22,8 +22,6 @@ namespace {
 
 using torch::Tensor;
 
-constexpr std::int64_t kAcross = 0;  // the axis x of a grid, from right to left
-
 StructureGenerator::Request structure_request(const FieldRigger::Request& request) {
   StructureGenerator::Request structure;
   structure.run = request.flows.structure;
@@ -92,7 +90,8 @@ std::string agreement_text(double agreement) {
 
 bool is_rig_flow(const std::filesystem::path& run) {
   const Json config = load_config(RunFolder{run}.config());
-  return config.value("/dataset/name"_json_pointer, "") == "AniGenSLat";
+  const std::string dataset = config.value("/dataset/name"_json_pointer, "");
+  return dataset == "AniGenSLat" || dataset == "AniGenSparseStructureLatent";
 }
 
 FieldRigger::FieldRigger(const Request& request)
@@ -112,14 +111,6 @@ FieldRigger::FieldRigger(const Request& request)
     throw InputError(autoencoder.string(), "", "works on other voxels than the flow " + request.flows.latents.string());
 }
 
-Tensor FieldRigger::skeleton_logits(const Tensor& voxels) {
-  flow::Streams streams = structure_.noise(noise_generator(request_.seed));
-  streams[0] = structure_.shape_latent(voxels);
-  const flow::Streams found =
-      structure_.sample(streams, structure_.condition({}), structure_.sampler(), /*guided=*/false);
-  return structure_.logits(found, 0).skeleton[0][0].to(torch::kCPU);
-}
-
 skeleton_field::SkeletonField FieldRigger::votes_at(const Tensor& voxels, const Tensor& skeleton) {
   structured_latent::StructuredLatentTarget target;
   target.shape = support_of(voxels);
@@ -137,13 +128,11 @@ FieldRigger::Found FieldRigger::find(const io::RiggedShape& shape) {
   Found found;
   found.to_cube = unit_cube_of(shape);
   const Tensor voxels = voxels_of(shape, found.to_cube, latents_.options().resolution);
-  const Tensor own = skeleton_logits(voxels), mirrored = skeleton_logits(voxels.flip({kAcross})).flip({kAcross});
-  const double common = ((own > 0) & (mirrored > 0)).sum().item<double>(),
-               either = ((own > 0) | (mirrored > 0)).sum().item<double>();
-  found.agreement = common / std::max(1.0, either);
-  const Tensor skeleton = sparse_structure::largest_component((0.5 * (own + mirrored) > 0).contiguous());
+  const auto [skeleton, agreement] = structure_.skeleton_of(voxels, structure_.noise(noise_generator(request_.seed)));
+  found.agreement = agreement;
   if (!skeleton.any().item<bool>()) throw Error(shape.file + ": the first flow finds no skeleton in this shape");
-  found.votes = with_mirrored(votes_at(voxels, skeleton), votes_at(voxels.flip({kAcross}), skeleton.flip({kAcross})));
+  found.votes =
+      with_mirrored(votes_at(voxels, skeleton), votes_at(voxels.flip({kGridAcross}), skeleton.flip({kGridAcross})));
   const Skeleton unit = decoded_skeleton(decoder_->grouped(found.votes));
   std::vector<Eigen::Vector3d> joints = unit.positions();
   for (Eigen::Vector3d& joint : joints) joint = (joint - found.to_cube.offset) / found.to_cube.scale;

@@ -14,8 +14,8 @@ namespace anigen::generate {
 /// Agreement (FieldRigger::Found) from which the joints are trusted without being asked for.
 inline constexpr double kTrustedAgreement = 0.7;
 
-/// True for a run of stage 5 that was trained without images, as a FieldRigger needs it. @throws InputError without a
-/// config
+/// True for a run of stage 4 or 5 that was trained without images, as a FieldRigger needs them. @throws InputError
+/// without a config
 bool is_rig_flow(const std::filesystem::path& run);
 
 /// Finds the skeleton of a given mesh by the fields of the generator: both flows without images, the first trained on
@@ -38,9 +38,9 @@ class FieldRigger {
     Similarity to_cube;                   ///< from the shape's frame
     double agreement = 0.0;  ///< IoU of the skeleton's voxels of the shape and of its mirror image, mirrored back
   };
-  /// The shape is seen twice, as it is and in the mirror x = 0: logits of the skeleton's voxels are the mean of both,
-  /// mirrored back, and the votes of both are grouped together. The shape stands as creatures of the training do:
-  /// upright, facing −Y.
+  /// The shape is seen twice, as it is and in the mirror x = 0, for the skeleton's voxels
+  /// (StructureGenerator::skeleton_of()) as for the votes, which are grouped together. The shape stands as creatures of
+  /// the training do: upright, facing −Y.
   /// @throws InputError without a surface; Error when the flows find no skeleton voxels
   Found find(const io::RiggedShape& shape);
 
@@ -50,8 +50,6 @@ class FieldRigger {
   static rigging::LearnedSteps steps(const std::shared_ptr<FieldRigger>& rigger);
 
  private:
-  /// Logits of the skeleton's voxels, [R, R, R]. @param voxels bool [R, R, R] of the shape
-  torch::Tensor skeleton_logits(const torch::Tensor& voxels);
   /// Votes in the unit cube. @param skeleton bool [R, R, R], some of it true
   skeleton_field::SkeletonField votes_at(const torch::Tensor& voxels, const torch::Tensor& skeleton);
 

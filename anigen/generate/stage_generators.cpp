@@ -252,7 +252,26 @@ Tensor StructureGenerator::shape_latent(const Tensor& voxels) {
         device_);
   }
   const Tensor grid = voxels.to(device_, torch::kFloat32).unsqueeze(0).unsqueeze(0);
-  return data::normalised(encoder_->encode_shape(grid).mean, reading_.normalization);
+  const Tensor latent = encoder_->encode_shape(grid).mean;
+  if (latent.size(-1) != options().resolution) {
+    throw InputError(flow_.config.string(), "/models/denoiser/args/resolution",
+                     std::to_string(options().resolution) + ", but voxels of " + std::to_string(voxels.size(0)) +
+                         " on a side become a latent of " + std::to_string(latent.size(-1)));
+  }
+  return data::normalised(latent, reading_.normalization);
+}
+
+StructureGenerator::FoundSkeleton StructureGenerator::skeleton_of(const Tensor& voxels, const flow::Streams& noise) {
+  const torch::NoGradGuard no_grad;
+  const auto logits_of = [&](const Tensor& shape) {
+    const flow::Streams found = sample({shape_latent(shape), noise[1]}, condition({}), sampler(), /*guided=*/false);
+    return logits(found, 0).skeleton[0][0].to(torch::kCPU);
+  };
+  const Tensor own = logits_of(voxels), mirrored = logits_of(voxels.flip({kGridAcross})).flip({kGridAcross});
+  const double common = ((own > 0) & (mirrored > 0)).sum().item<double>(),
+               either = ((own > 0) | (mirrored > 0)).sum().item<double>();
+  return {sparse_structure::largest_component((0.5 * (own + mirrored) > 0).contiguous()),
+          common / std::max(1.0, either)};
 }
 
 flow::Streams StructureGenerator::denormalised(const flow::Streams& latents) const {
@@ -373,6 +392,20 @@ StructuredLatentCoder::Inputs StructuredLatentCoder::inputs(const data::AssetId&
     inputs.rigs.surfaces = {std::make_shared<const geometry::NearestSurface>(rig.vertices, rig.faces)};
   }
   return inputs;
+}
+
+StructuredLatentCoder::Inputs StructuredLatentCoder::inputs_with_skeleton(const data::AssetId& asset,
+                                                                          const Tensor& skeleton) const {
+  if (skeleton.size(0) != data_.resolution) {
+    throw InputError(
+        found_.config.string(), "/dataset/args/resolution",
+        std::to_string(data_.resolution) + ", but the skeleton's voxels are of " + std::to_string(skeleton.size(0)));
+  }
+  data::VoxelRows rows;
+  rows.coords = voxels_of(skeleton);
+  Inputs moved = inputs(asset);
+  moved.x_skl = sparse_of(rows, asset.id, device_);
+  return moved;
 }
 
 void StructuredLatentCoder::require_features_anywhere(const data::AssetId& asset) const {

@@ -39,6 +39,9 @@ void write_structured_latents(const std::filesystem::path& file,
                               const structured_latent::PerStream<sparse::SparseTensor>& latents,
                               const std::filesystem::path& maker, std::optional<std::size_t> view = std::nullopt);
 
+/// Axis of a grid [x, y, z] from right to left of an object that faces −Y.
+inline constexpr std::int64_t kGridAcross = 0;
+
 /// Voxels of one asset, x, y, z ascending. @param occupied bool [R, R, R] on the CPU
 sparse::SupportPtr support_of(const torch::Tensor& occupied);
 
@@ -170,8 +173,17 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   /// True where it trained on given shapes alone: it then finds the skeleton of a shape.
   bool finds_skeletons() const { return training_.p_given_shape == 1.0; }
   /// Latent of a shape's voxels by the auto-encoder, as the dataset normalises it. @param voxels bool [R, R, R]
-  /// @return [1, C, r, r, r] @throws InputError when the auto-encoder's run has no encoder
+  /// @return [1, C, r, r, r] @throws InputError when the auto-encoder's run has no encoder, or the flow knows another
+  /// grid
   torch::Tensor shape_latent(const torch::Tensor& voxels);
+  struct FoundSkeleton {
+    torch::Tensor voxels;    ///< bool [R, R, R], one connected component; none true where the flow finds nothing
+    double agreement = 0.0;  ///< IoU of the voxels of the shape and of its mirror image, mirrored back
+  };
+  /// Voxels of the skeleton of a shape, by a flow that finds_skeletons(). The shape is seen twice, as it is and in the
+  /// mirror x = 0: logits are the mean of both, mirrored back. @param voxels bool [R, R, R] of the shape
+  /// @param noise as noise() gives it, for both
+  FoundSkeleton skeleton_of(const torch::Tensor& voxels, const flow::Streams& noise);
   /// Standard normal numbers of a latent, from the seed and the number of an asset, whatever else is sampled with it.
   flow::Streams noise(std::uint64_t seed, std::uint64_t number) const;
   /// Noise as the generator gives it, shape first (docs/reference/flows.md, 5.4).
@@ -249,6 +261,7 @@ class StructuredLatentCoder {
   std::string fingerprint() const;
   /// Folder of the features below features/.
   const std::string& feature_model() const { return data_.model; }
+  std::int64_t resolution() const { return data_.resolution; }  ///< edge of its grid
   std::int64_t geometry_channels() const { return encoder_->options().latent_channels; }
 
   /// Files that an asset's latent is made from: features, skeleton voxels, rig.
@@ -265,6 +278,9 @@ class StructuredLatentCoder {
   /// as one side has.
   /// @param voxels bool [R, R, R] each, R of the run @throws InputError also as require_features_anywhere()
   Inputs inputs_at(const data::AssetId& asset, const sparse_structure::VoxelPair& voxels) const;
+  /// The asset's rig and features, and other voxels of its skeleton than its own. @param skeleton bool [R, R, R], R of
+  /// the run, some of it true @throws InputError when it has another size or the asset cannot be read
+  Inputs inputs_with_skeleton(const data::AssetId& asset, const torch::Tensor& skeleton) const;
   /// @throws NotSupportedError naming it, when the run has other features than `surface` or the asset's mesh is missing
   void require_features_anywhere(const data::AssetId& asset) const;
 

@@ -11,6 +11,8 @@
 #include "anigen/core/files.h"
 #include "anigen/core/table.h"
 #include "anigen/data/datasets.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/generate/field_rigger.h"
 #include "anigen/generate/grouping.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/arrays/safetensors.h"
@@ -19,6 +21,7 @@
 #include "anigen/nn/state_dict.h"
 #include "anigen/structured_latent/decoder.h"
 #include "tests/data/published_dataset.h"
+#include "tests/generate/small_runs.h"
 #include "tests/support/paths.h"
 #include "tests/train/stages/structured_latent_dataset.h"
 
@@ -65,9 +68,9 @@ class EncodeStructuredLatents : public testing::Test {
     save("encoder", *encoder);
     save("decoder", *decoder);
   }
-  torch::Tensor array(int i, const std::string& name) const {
+  torch::Tensor array(int i, const std::string& name, const std::string& latents = "slat_run") const {
     const io::NamedArrays arrays =
-        io::read_npz(folder_ / "data" / "latents" / "slat_run" / (test::PostDataset::id(i) + ".npz"));
+        io::read_npz(folder_ / "data" / "latents" / latents / (test::PostDataset::id(i) + ".npz"));
     return nn::to_tensor(*io::find(arrays, name));
   }
   test::TemporaryFolder folder_;
@@ -99,6 +102,52 @@ TEST_F(EncodeStructuredLatents, WritesWhatStageFiveReads) {
   const data::Datasets data = data::make_datasets(ConfigReader(dataset, "config.json", "/dataset"), 1);
   const auto batch = test::load<data::StructuredLatentBatch>(*data.train, {{0, 0}, {1, 1}, {2, 2}});
   EXPECT_EQ(batch->x_0.feats.size(1), 16);
+}
+
+TEST_F(EncodeStructuredLatents, AFlowWithoutImagesFindsTheSkeletonsVoxels) {
+  constexpr std::int64_t kSide = 16;
+  const std::filesystem::path tree = test::parity_file("ckpt_tree");
+  if (!std::filesystem::is_directory(tree)) GTEST_SKIP() << tree << " is not there";
+  std::filesystem::copy(tree, folder_ / "tree", std::filesystem::copy_options::recursive);
+  const std::filesystem::path flow = folder_ / "tree" / "ckpts" / "anigen" / "ss_flow_solo";
+  test::make_rig_flow(flow, "AniGenSparseStructureLatent", {{"p_given_shape", 1.0}});
+  Json coarse = slat_run();
+  coarse["dataset"]["args"]["resolution"] = kSide;
+  write_run(coarse);
+  encode_structured_latents(request_);
+  request_.name = "found";
+  request_.ss_flow = flow;
+  const EncodedLatents result = encode_structured_latents(request_);
+  EXPECT_EQ(result.encoded, 3u);
+  ASSERT_TRUE(result.failed.empty()) << result.failed.begin()->second;
+  StructureGenerator::Request of_flow;
+  of_flow.run = flow;
+  of_flow.pictures = false;
+  StructureGenerator generator(of_flow);
+  for (int i = 0; i < 3; ++i) {
+    const torch::Tensor shape = array(i, "coords").to(torch::kInt64);
+    EXPECT_TRUE(torch::equal(array(i, "coords", "found").to(torch::kInt64), shape));
+    torch::Tensor voxels = torch::zeros({kSide, kSide, kSide}, torch::kBool);
+    voxels.index_put_({shape.select(1, 0), shape.select(1, 1), shape.select(1, 2)}, true);
+    const torch::Tensor skeleton =
+        generator.skeleton_of(voxels, generator.noise(noise_generator(FieldRigger::Request().seed))).voxels;
+    EXPECT_TRUE(torch::equal(array(i, "coords_skl", "found").to(torch::kInt64), skeleton.nonzero())) << i;
+  }
+  const Json dataset = {{"name", "AniGenSLat"},
+                        {"args",
+                         {{"data_dir", (folder_ / "data").string()},
+                          {"latent_model", "slat_run"},
+                          {"seen_models", {"found"}},
+                          {"seen_share", 1.0}}}};
+  const data::Datasets data = data::make_datasets(ConfigReader(dataset, "config.json", "/dataset"), 1);
+  const auto batch = test::load<data::StructuredLatentBatch>(*data.train, {{1, 0}});
+  EXPECT_EQ(batch->x_0_skl.coords.size(0), array(1, "coords_skl", "found").size(0));
+  write_run(slat_run());
+  const EncodedLatents of_other_grid = encode_structured_latents(request_);
+  ASSERT_EQ(of_other_grid.failed.size(), 3u);
+  EXPECT_NE(of_other_grid.failed.begin()->second.find("voxels of 64 on a side"), std::string::npos);
+  request_.view = 1;
+  EXPECT_THROW(encode_structured_latents(request_), InputError) << "there are no views in it";
 }
 
 TEST_F(EncodeStructuredLatents, KeepsWhatIsUpToDate) {

@@ -11,6 +11,7 @@
 #include "anigen/core/files.h"
 #include "anigen/generate/grouping.h"
 #include "anigen/geometry/primitives.h"
+#include "tests/generate/small_runs.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
 
@@ -29,17 +30,8 @@ class FieldRiggerTest : public ::testing::Test {
     fs::copy(tree, folder_.path(), fs::copy_options::recursive);
     const fs::path runs = folder_ / "ckpts" / "anigen";
     request_.flows = {runs / "ss_flow_solo", runs / "slat_flow_control"};
-    change(request_.flows.structure, "AniGenSparseStructureLatent", {{"p_given_shape", 1.0}});
-    change(request_.flows.latents, "AniGenSLat", Json::object());
-  }
-
-  static void change(const fs::path& run, const char* dataset, const Json& trainer) {
-    Json config = read_json(run / "config.json");
-    config["dataset"]["name"] = dataset;
-    config["dataset"]["args"].erase("image_size");
-    config["trainer"]["args"].update(trainer);
-    config["trainer"]["args"]["sampler"] = {{"steps", 2}, {"cfg_strength", 0.0}};
-    write_file_atomically(run / "config.json", config.dump(2));
+    test::make_rig_flow(request_.flows.structure, "AniGenSparseStructureLatent", {{"p_given_shape", 1.0}});
+    test::make_rig_flow(request_.flows.latents, "AniGenSLat", Json::object());
   }
 
   static io::RiggedShape ball(double scale = 1.0, const Eigen::Vector3f& offset = Eigen::Vector3f::Zero()) {
@@ -114,13 +106,14 @@ TEST_F(FieldRiggerTest, RefusesFlowsOfPicturesAndOfShapesThatAreNotGiven) {
     }
     return std::string("no error");
   };
-  change(request_.flows.structure, "AniGenSparseStructureLatent", {{"p_given_shape", 0.5}});
+  test::make_rig_flow(request_.flows.structure, "AniGenSparseStructureLatent", {{"p_given_shape", 0.5}});
   EXPECT_NE(message().find("p_given_shape"), std::string::npos) << message();
-  change(request_.flows.structure, "ImageConditionedAniGenSparseStructureLatent", {{"p_given_shape", 1.0}});
+  test::make_rig_flow(request_.flows.structure, "ImageConditionedAniGenSparseStructureLatent",
+                      {{"p_given_shape", 1.0}});
   EXPECT_NE(message().find("trained with pictures"), std::string::npos) << message();
   io::RiggedShape nothing;
   nothing.file = "nothing.glb";
-  change(request_.flows.structure, "AniGenSparseStructureLatent", {{"p_given_shape", 1.0}});
+  test::make_rig_flow(request_.flows.structure, "AniGenSparseStructureLatent", {{"p_given_shape", 1.0}});
   EXPECT_THROW(FieldRigger(request_).find(nothing), InputError);
 }
 

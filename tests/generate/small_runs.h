@@ -13,6 +13,16 @@ namespace anigen::test {
 /// Pixels along a side of the pictures that give_image_encoder()'s flows see.
 inline constexpr int kConditionSide = 32;
 
+/// Makes a run of a flow one without images that takes two steps. @param trainer changes of its arguments
+inline void make_rig_flow(const std::filesystem::path& run, const char* dataset, const Json& trainer) {
+  Json config = read_json(run / "config.json");
+  config["dataset"]["name"] = dataset;
+  config["dataset"]["args"].erase("image_size");
+  config["trainer"]["args"].update(trainer);
+  config["trainer"]["args"]["sampler"] = {{"steps", 2}, {"cfg_strength", 0.0}};
+  write_file_atomically(run / "config.json", config.dump(2));
+}
+
 /// A flow's run with a small image encoder in place of DINOv2.
 inline void give_image_encoder(const std::filesystem::path& run) {
   Json config = read_json(run / "config.json");
