@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <set>
 #include <system_error>
 #include <type_traits>
 #include <utility>
@@ -37,6 +38,18 @@ std::string missing_file(const std::vector<fs::path>& files) {
 // Of what a model made of an asset. @param kind "features", "ss_latents" or "latents"
 fs::path made_path(const AssetId& asset, const char* kind, const std::string& model) {
   return asset.root / kind / model / (asset.id + ".npz");
+}
+
+/// @throws InputError unless a dataset has this folder: of some assets there may be no file, but a misspelt name has
+/// none
+void require_folder(const AssetDataset& data, const fs::path& folder) {
+  std::set<fs::path> roots;
+  for (std::size_t i = 0; i < data.assets(); ++i) roots.insert(data.asset(i).root);
+  for (const fs::path& root : roots) {
+    std::error_code error;
+    if (fs::is_directory(root / folder, error)) return;
+  }
+  throw InputError(roots.empty() ? "" : roots.begin()->string(), "seen_models", "no folder " + folder.string());
 }
 
 fs::path view_folder(const AssetId& asset) { return asset.root / "renders" / asset.id; }
@@ -465,7 +478,9 @@ StructuredLatentDataset::StructuredLatentDataset(std::vector<AssetId> assets, co
       options_(options),
       surfaces_(static_cast<std::uintmax_t>(options.memory_budget_mb) << 20),
       pictures_(options.cache_bytes()),
-      latents_(options.cache_bytes()) {}
+      latents_(options.cache_bytes()) {
+  for (const std::string& model : options_.seen_models) require_folder(*this, fs::path("latents") / model);
+}
 
 std::vector<std::vector<Draw>> StructuredLatentDataset::split(const std::vector<Draw>& draws, std::size_t parts) const {
   std::vector<std::uint64_t> loads;

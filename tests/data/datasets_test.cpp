@@ -540,6 +540,7 @@ TEST_F(StructuredLatents, SeenVoxelsComeWithTheirView) {
   io::NamedArrays arrays = test::PublishedSample::latent_arrays(1);
   const std::filesystem::path file = folder_ / "data/latents/seen/asset0.npz";
   io::write_npz(file, arrays);
+  EXPECT_THROW(make({{"seen_models", {"misspelt"}}}), InputError);
   Json args = {{"seen_models", {"seen"}}, {"seen_share", 1.0}};
   EXPECT_THROW(first(args), InputError) << "the view is missing";
   arrays.emplace_back("view", io::NdArray::from(std::vector<std::int64_t>{1}, {1}));
