@@ -20,6 +20,9 @@ rigging::RigRequest rig_request(const RigOptions& options, rigging::RigRequest f
   if (options.rigid_share != 0.0) request.rigid_share = options.rigid_share;
   if (!options.bone_axes.empty()) request.engine.axes = rigging::parse_bone_axes(options.bone_axes);
   if (!options.names.empty()) request.engine.names = rigging::parse_name_style(options.names);
+  // Names of humans need all of their bones, which templates have.
+  request.joints.templates_first =
+      request.engine.humanoid || (request.engine.names && *request.engine.names != rigging::NameStyle::kChain);
   request.engine.height = options.height;
   request.engine.ground = options.ground;
   request.engine.root_bone = options.root_bone;

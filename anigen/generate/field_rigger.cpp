@@ -150,7 +150,8 @@ rigging::LearnedSteps FieldRigger::steps(const std::shared_ptr<FieldRigger>& rig
     try {
       const Found found = rigger->find(shape);
       const std::string text = agreement_text(found.agreement);
-      if (found.agreement >= kTrustedAgreement) return rigging::ProposedJoints{found.skeleton, "flows, " + text};
+      if (found.agreement >= kTrustedAgreement)
+        return rigging::ProposedJoints{found.skeleton, "flows, " + text, found.agreement >= kCertainAgreement};
       why_not = "flows are unsure: " + text;
     } catch (const Interrupted&) {
       throw;

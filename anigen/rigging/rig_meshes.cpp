@@ -91,12 +91,16 @@ ProposedJoints embedded(const Mesh& mesh, const std::vector<TemplateSkeleton>& t
   return {std::move(choice.embedded.skeleton), note};
 }
 
-/// A template where one fits, else learned joints, else the mesh's curve: templates name their joints and know limbs, a
-/// curve follows any shape. The note says which, and why.
+/// Learned joints that are certain, else a template where one fits, else learned joints, else the mesh's curve, which
+/// follows any shape. The note says which, and why.
 ProposedJoints chosen_joints(const io::RiggedShape& shape, const std::vector<TemplateSkeleton>& templates,
                              const JointOptions& options) {
   const Mesh& mesh = shape.mesh;
-  std::string refused;
+  const bool named = !options.templates.empty();
+  std::string why_not, refused;
+  std::optional<ProposedJoints> learned;
+  if (options.learned && !named) learned = options.learned(shape, why_not);
+  if (learned && learned->certain && !options.templates_first) return std::move(*learned);
   std::optional<TemplateChoice> choice;
   try {
     choice = choose_template(mesh, templates, options.embedding);
@@ -108,7 +112,7 @@ ProposedJoints chosen_joints(const io::RiggedShape& shape, const std::vector<Tem
   char reason[160];
   if (choice) {
     const char* name = templates[choice->index].name.c_str();
-    const bool named = !options.templates.empty(), fits = choice->embedded.penalty <= kTrustedPenalty;
+    const bool fits = choice->embedded.penalty <= kTrustedPenalty;
     std::snprintf(reason, sizeof reason, "template %.40s %s: penalty %.3f, trusted up to %.2f", name,
                   fits ? "fits" : "does not fit", choice->embedded.penalty, kTrustedPenalty);
     if (named) std::snprintf(reason, sizeof reason, "template %.40s, penalty %.3f", name, choice->embedded.penalty);
@@ -117,15 +121,12 @@ ProposedJoints chosen_joints(const io::RiggedShape& shape, const std::vector<Tem
     std::snprintf(reason, sizeof reason, "no template: %.120s", refused.c_str());
   }
   std::string why = reason;
-  if (options.learned) {
-    std::string why_not;
-    std::optional<ProposedJoints> learned = options.learned(shape, why_not);
-    if (learned) {
-      learned->note += ", since " + why;
-      return std::move(*learned);
-    }
-    why += "; " + why_not;
+  if (options.learned && named) learned = options.learned(shape, why_not);
+  if (learned) {
+    learned->note += ", since " + why;
+    return std::move(*learned);
   }
+  if (options.learned) why += "; " + why_not;
   try {
     return {propose_curve_skeleton(mesh, options.curve), "curve, since " + why};
   } catch (const Interrupted&) {

@@ -75,8 +75,9 @@ std::vector<std::string> rigging_method_words();
 
 /// Joints for one mesh.
 struct ProposedJoints {
-  Skeleton skeleton;  ///< the mesh's frame
-  std::string note;   ///< how it came about, for the report; may be empty
+  Skeleton skeleton;     ///< the mesh's frame
+  std::string note;      ///< how it came about, for the report; may be empty
+  bool certain = false;  ///< learned joints that go before a template, even one that fits
 };
 
 /// Joints of a mesh by whoever has learned to find them; nothing where it is not sure of them, and `why_not` says why.
@@ -93,7 +94,9 @@ struct JointOptions {
   std::vector<std::filesystem::path> splits;  ///< of the collection
   CurveSkeletonOptions curve;
   EmbeddingOptions embedding;
-  SureJoints learned;  ///< kAuto: asked for a mesh that no template fits, before the curve; may be unset
+  SureJoints learned;            ///< kAuto: certain ones go before a template that fits, others before the curve; may
+                                 ///< be unset
+  bool templates_first = false;  ///< kAuto: not even certain ones go before a template that fits
 };
 
 /// Finds joints for one mesh after another; what they share is read once. Const: several threads may ask at once.

@@ -25,7 +25,7 @@ bl_info = {
     "category": "Rigging",
 }
 
-METHODS = [("auto", "Automatic", "A template that fits, else learned joints, else the curve of the mesh"),
+METHODS = [("auto", "Automatic", "Learned joints or a template, whichever is sure, else the curve of the mesh"),
            ("curve", "Curve", "Joints along the curve that the mesh contracts to"),
            ("pinocchio", "Template", "A template embedded in the mesh"),
            ("anigen", "Learned", "Joints by the flows of the shipped models")]
@@ -153,7 +153,7 @@ class AnigenRig(bpy.types.Operator):
     def studio_options(self):
         """Options of a studio's rigs."""
         if self.method == "anigen":
-            raise Failed("a studio has no learned joints of their own: Automatic asks for them where no template fits")
+            raise Failed("a studio has no learned joints of their own: Automatic asks for them")
         options = {"method": self.method, "motions": [], "joints": self.joints, "symmetric": self.symmetric}
         if self.method == "auto":
             options["keep_skeleton"] = False

@@ -6,6 +6,7 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/creatures/body.h"
 #include "anigen/curve_skeleton/contraction.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/container.h"
@@ -378,6 +379,29 @@ TEST_F(RigMeshes, WhereNoTemplateFitsLearnedJointsGoBeforeTheCurve) {
   EXPECT_EQ(report.failure, "");
   EXPECT_NE(report.note.find("never seen a rod"), std::string::npos) << report.note;
   EXPECT_EQ(report.note.rfind("curve, since ", 0), 0u) << report.note;
+}
+
+TEST_F(RigMeshes, CertainLearnedJointsGoBeforeATemplateThatFits) {
+  const Asset man = creatures::make_creature("biped", 5, 1);
+  io::write_ply(folder_ / "man.ply", man.mesh);
+  request_.method = parse_rigging_method("auto");
+  request_.joints = {};
+  request_.meshes = folder_ / "man.ply";
+  request_.out = folder_ / "rigged.glb";
+  const auto note = [&] { return rig_meshes(request_).meshes.at(0).note; };
+  ASSERT_NE(note().find(" fits: "), std::string::npos) << note();
+  bool certain = true;
+  request_.joints.learned = [&](const io::RiggedShape&, std::string&) -> std::optional<ProposedJoints> {
+    return ProposedJoints{skeleton_from_joints({{0, 0, 0}, {0, 0, 1}}, {-1, 0}), "learned", certain};
+  };
+  EXPECT_EQ(note(), "learned");
+  request_.joints.templates_first = true;
+  EXPECT_NE(note().find(" fits: "), std::string::npos);
+  request_.joints.templates_first = certain = false;
+  EXPECT_NE(note().find(" fits: "), std::string::npos);
+  certain = true;
+  request_.joints.templates = {"biped"};
+  EXPECT_EQ(note().rfind("template biped, ", 0), 0u) << "what is named is taken";
 }
 
 TEST_F(RigMeshes, WithoutABindingTheSkeletonAloneIsWritten) {
