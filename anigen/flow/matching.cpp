@@ -89,7 +89,7 @@ void TimeSchedule::fields(ConfigFields& f) {
   });
 }
 
-Tensor TimeSchedule::sample(std::int64_t count, at::Generator generator) const {
+Tensor TimeSchedule::sample(std::int64_t count, const at::Generator& generator) const {
   return from_draws(kind == Kind::kUniform ? torch::rand({count}, generator) : torch::randn({count}, generator));
 }
 
@@ -102,7 +102,7 @@ Tensor TimeSchedule::quantiles(const Tensor& probabilities) const {
   return from_draws(kind == Kind::kUniform ? probabilities : std::sqrt(2.0) * (2.0 * probabilities - 1.0).erfinv());
 }
 
-Tensor draw_condition_dropout(std::int64_t count, double probability, at::Generator generator) {
+Tensor draw_condition_dropout(std::int64_t count, double probability, const at::Generator& generator) {
   // In double, so that probability 1 drops every item and 0 none.
   return torch::rand({count}, generator, torch::kFloat64) < probability;
 }

@@ -64,7 +64,7 @@ struct TimeSchedule : JsonOptions<TimeSchedule> {
   void fields(ConfigFields& f);  ///< @throws InputError for a standard deviation that is not positive
 
   /// @return [count] fp32 on the CPU, drawn from this generator alone
-  Tensor sample(std::int64_t count, at::Generator generator) const;
+  Tensor sample(std::int64_t count, const at::Generator& generator) const;
   /// The times that belong to given draws: standard normal ones for logitNormal, uniform ones for uniform.
   Tensor from_draws(const Tensor& draws) const;
   /// The times that training draws earlier than with these probabilities. @param probabilities in (0, 1)
@@ -75,7 +75,7 @@ struct TimeSchedule : JsonOptions<TimeSchedule> {
 /// condition is replaced by the negative one with probability p_uncond (docs/reference/flows.md, 4.2).
 /// @param probability in [0, 1]
 /// @return [count] bool on the CPU, drawn from this generator alone: which items lose their condition
-Tensor draw_condition_dropout(std::int64_t count, double probability, at::Generator generator);
+Tensor draw_condition_dropout(std::int64_t count, double probability, const at::Generator& generator);
 
 /// @param condition [B, ...] @param dropped [B] bool @param negative like condition; undefined: zeros, the negative of
 /// image conditions @return the condition with the dropped items replaced

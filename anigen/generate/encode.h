@@ -46,10 +46,9 @@ struct EncodeRequest {
   bool check = false;              ///< ss: also decode every latent and compare with its voxels
   bool again = false;              ///< encode also what is up to date
   bool accept_other_code = false;  ///< keep latents whatever build of the program made them
-  std::filesystem::path
-      ss_flow;  ///< slat: at the voxels that this run of stage 4 sees in `view`, or in the mesh; empty: own
-  std::filesystem::path ss_dae;  ///< run of stage 2 that decodes them; empty: the one the flow names
-  std::size_t view = 0;          ///< condition view of each asset, counted round
+  std::filesystem::path ss_flow;   ///< slat: run of stage 4, at whose voxels of `view` or the mesh; empty: at the own
+  std::filesystem::path ss_dae;    ///< run of stage 2 that decodes them; empty: the one the flow names
+  std::size_t view = 0;            ///< condition view of each asset, counted round
   /// Called after each asset; whatever it throws ends the run as Ctrl-C does.
   std::function<void(std::size_t done, std::size_t assets)> progress = nullptr;
 };
