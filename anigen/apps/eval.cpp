@@ -62,7 +62,10 @@ eval::EvaluationRequest shapes_request(const EvalArguments& options, const Commo
   request.out = options.output;
   eval::set_prediction_axes(options.prediction_up, request);
   request.truth_axes = io::parse_axes(options.dataset_up);
-  if (!options.lpips_weights.empty()) torch_half("--lpips-weights").add_perceptual_metric(options, common, request);
+  if (!options.lpips_weights.empty() || !options.image_encoder.empty()) {
+    torch_half(options.lpips_weights.empty() ? "--image-encoder" : "--lpips-weights")
+        .add_perceptual_distances(options, common, request);
+  }
   request.settings.transport = eval::parse_transport(options.transport);
   if (options.point_to_plane) request.settings.alignment.registration.variant = metrics::IcpVariant::kPointToPlane;
   engine::EvaluateOptions scores = options.scores;
@@ -136,8 +139,9 @@ void run(const EvalArguments& options, const CommonOptions& common) {
   if (!options.shapes.motion.empty() || options.shapes.motions_pictured > 0)
     throw InputError("", options.shapes.motion.empty() ? "--motion-images" : "--motion",
                      "moves rigged shapes: it needs --pred");
-  if (!options.lpips_weights.empty())
-    throw InputError("", "--lpips-weights", "compares images of rigged shapes: it needs --pred");
+  if (!options.lpips_weights.empty() || !options.image_encoder.empty())
+    throw InputError("", options.lpips_weights.empty() ? "--image-encoder" : "--lpips-weights",
+                     "compares images of rigged shapes: it needs --pred");
   if (options.dataset.empty()) throw InputError("", "--dataset", "which ground truth? A file, a folder or a dataset");
   evaluate_skins(options, common);
 }
@@ -170,6 +174,7 @@ std::vector<std::string> add_shape_options(CLI::App& app, EvalArguments& options
   add("--surface-samples", options.scores.surface_samples)->check(whole_number(1, 10'000'000));
   add("--image-size", options.shapes.settings.image_size)->check(whole_number(16, 4096));
   add("--lpips-weights", options.lpips_weights)->expected(1, 2);
+  add("--image-encoder", options.image_encoder);
   add("--poses", options.shapes.settings.poses)->check(whole_number(1, 10'000));
   names.emplace_back("--motion");
   add_option(app, "--motion", options.shapes.motion,
@@ -257,8 +262,9 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
   if (!shapes) refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
   if (!options.oracle) refuse_given(app, of_oracle, "is of generated assets: it needs --oracle");
   if (options.oracle) {
-    refuse_given(app, {"--train-split", "--retrieval-views", "--pred-up", "--dataset-up", "--lpips-weights"},
-                 "--oracle has no use for it");
+    refuse_given(
+        app, {"--train-split", "--retrieval-views", "--pred-up", "--dataset-up", "--lpips-weights", "--image-encoder"},
+        "--oracle has no use for it");
   }
   if (structures) {
     refuse_given(app, {"--keep-going"}, "--ss-flow ends with the first asset that fails");
@@ -268,10 +274,12 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
     refuse_given(app, {"--report-images"}, "--no-report draws none");
   }
   if (!structures && !shapes) refuse_given(app, {"--seed"}, "the evaluation of weights draws nothing at random");
-  if (!structures && !options.oracle && options.skin_ae.empty() && options.lpips_weights.empty()) {
+  if (!structures && !options.oracle && options.skin_ae.empty() && options.lpips_weights.empty() &&
+      options.image_encoder.empty()) {
     refuse_given(
         app, {"--device"},
-        "is of networks, which only --ss-flow, --oracle, --skin-ae and --lpips-weights use; the rest is for the CPU");
+        "is of networks, which only --ss-flow, --oracle, --skin-ae, --lpips-weights and --image-encoder use; the rest "
+        "is for the CPU");
   }
   if (!options.scores.protocol.empty()) {
     refuse_given(app,
@@ -290,7 +298,8 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
     return options.scores.groups.empty() || std::find(options.scores.groups.begin(), options.scores.groups.end(),
                                                       metrics) != options.scores.groups.end();
   };
-  if (!wants("image")) refuse_given(app, {"--image-size", "--lpips-weights"}, "--metrics leaves 'image' out");
+  if (!wants("image"))
+    refuse_given(app, {"--image-size", "--lpips-weights", "--image-encoder"}, "--metrics leaves 'image' out");
   if (!wants("surface") && !wants("motion"))
     refuse_given(app, {"--surface-samples"}, "--metrics leaves 'surface' and 'motion' out");
   if (!wants("motion") && options.shapes.motions_pictured == 0)

@@ -15,6 +15,7 @@ struct EvalArguments {
   eval::EvaluationRequest
       shapes;  ///< of --pred: what the library has no option for, as far as it is not below in words
   std::vector<std::string> splits, lpips_weights, prediction_up;
+  std::string image_encoder;
   std::string dataset, output, skin_ae, skins;
   std::vector<std::string> skin_runs;
   std::string dataset_up = "format", transport = "exact";

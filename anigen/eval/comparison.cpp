@@ -470,7 +470,8 @@ std::string file_name(const std::string& text) {
 
 Comparison run_comparison(const std::vector<ComparedMethod>& methods, const ComparisonRun& run) {
   if (methods.empty() || methods[0].pairs.empty()) throw InputError("", "", "there is not one pair to evaluate");
-  if (static_cast<bool>(run.perceptual) == run.settings.lpips.is_null())
+  if (static_cast<bool>(run.perceptual.lpips) == run.settings.lpips.is_null() ||
+      static_cast<bool>(run.perceptual.encoder) == run.settings.image_encoder.is_null())
     throw Error("a perceptual distance and its description belong together: saved results are told apart by it");
   if ((run.categories == nullptr) != run.settings.categories.is_null())
     throw Error("references of categories and their description belong together: saved results are told apart by it");

@@ -134,8 +134,8 @@ struct ComparedMethod {
 
 struct ComparisonRun {
   PairSettings settings;
-  metrics::PerceptualDistance
-      perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
+  /// Called from several threads; settings.lpips and settings.image_encoder describe them.
+  metrics::PerceptualDistances perceptual;
   const CategoryReferences* categories = nullptr;  ///< settings.categories describes them
   const metrics::Motion* motion =
       nullptr;                     ///< that every truth is given in place of its own; settings.motion describes it

@@ -27,8 +27,8 @@ struct EvaluationRequest {
   io::Axes prediction_axes = io::Axes::kFormat, truth_axes = io::Axes::kFormat;
   std::map<std::string, io::Axes> axes_of_methods;  ///< by name, where they differ from prediction_axes
   PairSettings settings;
-  metrics::PerceptualDistance
-      perceptual;  ///< LPIPS of two pictures, called from several threads; settings.lpips describes it
+  /// Called from several threads; settings.lpips and settings.image_encoder describe them.
+  metrics::PerceptualDistances perceptual;
   bool resume = true, accept_other_code = false;  ///< as ComparisonRun's
   bool report = true;
   std::size_t pictured = 6;

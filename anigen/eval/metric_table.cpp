@@ -43,6 +43,7 @@ const std::vector<MetricInfo>& metric_table() {
       {"psnr", "PSNR", kHigh, "dB", "image", false},
       {"ssim", "SSIM", kHigh, "1", "image", false},
       {"lpips", "LPIPS", kLow, "1", "image", false},
+      {"encoder_distance", "encoder", kLow, "1", "image", false},
       {"rignet.j2j", "RigNet J2J", kLow, "box", "skeleton", false},
       {"rignet.j2b", "RigNet J2B", kLow, "box", "skeleton", false},
       {"rignet.b2b", "RigNet B2B", kLow, "box", "skeleton", false},

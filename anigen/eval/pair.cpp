@@ -378,7 +378,7 @@ void add_category(const ComparedShapes& shapes, const CategoryQuestion& question
 }
 
 void add_image_metrics(const ComparedShapes& shapes, const PairSettings& settings,
-                       const metrics::PerceptualDistance& perceptual, PairResult& result) {
+                       const metrics::PerceptualDistances& perceptual, PairResult& result) {
   if (has_colors(shapes.predicted) != has_colors(shapes.truth))
     return skip_group("image", "only one side has colours, so colour renders do not compare", result);
   metrics::ViewOptions options;
@@ -392,6 +392,10 @@ void add_image_metrics(const ComparedShapes& shapes, const PairSettings& setting
     result.set("lpips", *scores.lpips);
   else
     result.skip("lpips", "no weights given");
+  if (scores.encoder)
+    result.set("encoder_distance", *scores.encoder);
+  else
+    result.skip("encoder_distance", "no image encoder given");
 }
 
 }  // namespace
@@ -415,6 +419,7 @@ Json to_json(const PairSettings& settings) {
           {"transport", transport_json(settings)},
           {"groups", settings.groups},
           {"lpips", settings.lpips},
+          {"image_encoder", settings.image_encoder},
           {"categories", settings.categories},
           {"motion", settings.motion}};
 }
@@ -544,7 +549,7 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
 }
 
 PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
-                         const metrics::PerceptualDistance& perceptual, const CategoryQuestion& category,
+                         const metrics::PerceptualDistances& perceptual, const CategoryQuestion& category,
                          const metrics::Motion* motion) {
   const auto started = std::chrono::steady_clock::now();
   PairResult result;

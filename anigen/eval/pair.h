@@ -34,7 +34,7 @@ struct PairSettings {
                                  ///< MagicArticulate's and Puppeteer's data sets store them
   double merge_joints = 0.0;     ///< merge_joints() of both sides at this distance, in the frame of scores; 0: none
   bool visible_surface = false;  ///< alignment and surface metrics by geometry::visible_surface() of either mesh
-  int image_size = 512;          ///< pixels of the views that PSNR, SSIM and LPIPS compare
+  int image_size = 512;          ///< pixels of the views that image metrics compare
   int poses = 10;                ///< of the deformation error
   int motion_frames = 12;        ///< of a clip or pose sequence that motion_distance looks at
   TransportMethod transport = TransportMethod::kExact;
@@ -43,9 +43,9 @@ struct PairSettings {
   /// Groups to compute, of those of docs/metrics.md: these seven, and "soundness" where it is asked for.
   std::set<std::string> groups = {"skeleton", "transport", "skin", "surface", "image", "motion", "anymate"};
 
-  /// Network and weights of LPIPS; null: not computed. It stands here so that no saved result
-  /// outlives its weights.
-  Json lpips;
+  /// Network and weights of LPIPS, and of the image encoder whose tokens are compared; null: not computed. They stand
+  /// here so that no saved result outlives its weights.
+  Json lpips, image_encoder;
   /// CategoryReferences::describe() of those that predictions are sorted by; null: not sorted. It stands here for the
   /// same reason.
   Json categories;
@@ -113,12 +113,12 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
 
 /// Every metric of metric_table() that the pair allows, each other one with its reason. Definitions: docs/metrics.md.
 /// Runs on the calling thread; several pairs may be evaluated at once.
-/// @param perceptual LPIPS, when there is a network for it
+/// @param perceptual those that there are networks for
 /// @param category for the metric of that name
 /// @param motion as in same_motion(); settings.motion describes it
 /// @throws InputError when nothing can be compared at all
 PairResult evaluate_pair(const io::RiggedShape& predicted, const io::RiggedShape& truth, const PairSettings& settings,
-                         const metrics::PerceptualDistance& perceptual = nullptr, const CategoryQuestion& category = {},
+                         const metrics::PerceptualDistances& perceptual = {}, const CategoryQuestion& category = {},
                          const metrics::Motion* motion = nullptr);
 
 }  // namespace anigen::eval

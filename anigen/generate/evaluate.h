@@ -2,7 +2,6 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <filesystem>
-#include <mutex>
 #include <string>
 #include <vector>
 
@@ -12,7 +11,6 @@
 #include "anigen/io/image.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/skin_field/skin_autoencoder.h"
-#include "anigen/vision/lpips.h"
 
 namespace anigen::generate {
 
@@ -87,29 +85,6 @@ class SkinReconstruction {
   std::filesystem::path checkpoint_;
   torch::Device device_;
   skin_field::SkinAutoEncoder model_ = nullptr;
-};
-
-/// LPIPS between two pictures, for programs that know pictures and no tensors (vision/lpips.h says what it is).
-class PerceptualMetric {
- public:
-  /// @param weights one file or several that together hold trunk and heads (vision/lpips.h)
-  /// @param device "cpu", "cuda" or "cuda:N"
-  /// @throws InputError when a file is missing, damaged or lacks weights, or the device is not available
-  explicit PerceptualMetric(const std::vector<std::filesystem::path>& weights, const std::string& device = "cpu");
-
-  /// Colours as they are stored (sRGB); alpha is ignored. May be called from several threads, which then take turns:
-  /// the features of one pair of 512² pictures are half a gigabyte.
-  /// @throws InputError when the pictures differ in size or are smaller than 16 × 16
-  double distance(const io::Image& a, const io::Image& b);
-
-  /// Inputs that decide the numbers: network, and the SHA-256 of every file in the order given.
-  const Json& describe() const { return description_; }
-
- private:
-  std::mutex mutex_;
-  torch::Device device_;
-  vision::Lpips lpips_;
-  Json description_;
 };
 
 }  // namespace anigen::generate

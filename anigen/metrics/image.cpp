@@ -126,19 +126,21 @@ std::vector<io::Image> render_views(const io::RiggedShape& shape, const Similari
 }
 
 ImageScores image_scores(const std::vector<io::Image>& prediction, const std::vector<io::Image>& truth,
-                         const PerceptualDistance& perceptual) {
+                         const PerceptualDistances& perceptual) {
   if (prediction.empty() || prediction.size() != truth.size()) {
     throw InputError(
         "", "views",
         std::to_string(prediction.size()) + " pictures cannot be compared with " + std::to_string(truth.size()));
   }
   ImageScores scores;
-  if (perceptual) scores.lpips = 0.0;
+  if (perceptual.lpips) scores.lpips = 0.0;
+  if (perceptual.encoder) scores.encoder = 0.0;
   const auto count = static_cast<double>(truth.size());
   for (std::size_t i = 0; i < truth.size(); ++i) {
     scores.psnr += std::min(psnr(prediction[i], truth[i]), kLargestPsnr) / count;
     scores.ssim += ssim(prediction[i], truth[i]) / count;
-    if (perceptual) *scores.lpips += perceptual(prediction[i], truth[i]) / count;
+    if (scores.lpips) *scores.lpips += perceptual.lpips(prediction[i], truth[i]) / count;
+    if (scores.encoder) *scores.encoder += perceptual.encoder(prediction[i], truth[i]) / count;
   }
   return scores;
 }

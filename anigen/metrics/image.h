@@ -37,8 +37,14 @@ struct ViewOptions {
 std::vector<io::Image> render_views(const io::RiggedShape& shape, const Similarity& placement,
                                     const ViewOptions& options = {});
 
-/// A learned distance between two pictures (LPIPS), which comes from where the network lives.
+/// A learned distance between two pictures, which comes from where the network lives.
 using PerceptualDistance = std::function<double(const io::Image&, const io::Image&)>;
+
+/// Learned distances between pictures; unset: not computed.
+struct PerceptualDistances {
+  PerceptualDistance lpips;
+  PerceptualDistance encoder;  ///< of the tokens that a trained image encoder gives
+};
 
 /// A ratio beyond this says only that pictures agree to within single grey levels; equal pictures, whose ratio is
 /// infinite, count as this.
@@ -47,11 +53,11 @@ inline constexpr double kLargestPsnr = 100.0;
 struct ImageScores {
   double psnr = 0.0;  ///< dB, at most kLargestPsnr per view
   double ssim = 0.0;
-  std::optional<double> lpips;  ///< absent: not computed
+  std::optional<double> lpips, encoder;  ///< absent: not computed
 };
 
 /// Means over the views. @throws InputError when there is no view or the lists differ in length or picture size
 ImageScores image_scores(const std::vector<io::Image>& prediction, const std::vector<io::Image>& truth,
-                         const PerceptualDistance& perceptual = nullptr);
+                         const PerceptualDistances& perceptual = {});
 
 }  // namespace anigen::metrics

@@ -103,23 +103,37 @@ class TrainedPatches : public ConditionEncoder {
   torch::Device device_;
 };
 
+/// A flow's config, and cond_channels of its model.
+struct FlowConfig {
+  nn::RunModel flow;
+  std::int64_t channels = 0;
+};
+
+/// @param may_see_flow its encoder may itself see the tokens of a flow
+/// @throws InputError naming the config: no model with cond_channels, or an encoder that may not
+FlowConfig flow_config_of(const std::filesystem::path& run, bool may_see_flow) {
+  FlowConfig found;
+  found.flow.config = run / "config.json";
+  found.flow.run = read_json(found.flow.config);
+  const Json::json_pointer nested("/trainer/args/image_encoder/flow");
+  if (!may_see_flow && found.flow.run.contains(nested))
+    throw InputError(found.flow.config.string(), nested.to_string(), "this encoder sees another flow's tokens itself");
+  const Json models = found.flow.run.value("models", Json::object());
+  for (const Json& model : models) {
+    const Json::json_pointer width("/args/cond_channels");
+    if (model.contains(width) && model.at(width).is_number_integer()) found.channels = model.at(width);
+  }
+  if (found.channels < 1) throw InputError(found.flow.config.string(), "/models", "no model of it has cond_channels");
+  return found;
+}
+
 /// @param run folder of the other flow @throws InputError naming its config: no model with cond_channels, or an encoder
 /// that itself sees the tokens of a flow
 FlowTokens flow_tokens_of(const std::filesystem::path& run, std::int64_t image_size, torch::Device device) {
-  nn::RunModel flow;
-  flow.config = run / "config.json";
-  flow.run = read_json(flow.config);
-  const Json::json_pointer nested("/trainer/args/image_encoder/flow");
-  if (flow.run.contains(nested))
-    throw InputError(flow.config.string(), nested.to_string(), "this encoder sees another flow's tokens itself");
+  const FlowConfig found = flow_config_of(run, /*may_see_flow=*/false);
   FlowTokens tokens;
-  const Json models = flow.run.value("models", Json::object());
-  for (const Json& model : models) {
-    const Json::json_pointer width("/args/cond_channels");
-    if (model.contains(width) && model.at(width).is_number_integer()) tokens.channels = model.at(width);
-  }
-  if (tokens.channels < 1) throw InputError(flow.config.string(), "/models", "no model of it has cond_channels");
-  tokens.encoder = trained_condition_encoder(run, flow, image_size, tokens.channels, device);
+  tokens.channels = found.channels;
+  tokens.encoder = trained_condition_encoder(run, found.flow, image_size, tokens.channels, device);
   return tokens;
 }
 
@@ -242,6 +256,21 @@ std::unique_ptr<ConditionEncoder> trained_condition_encoder(const std::filesyste
   nn::load_state_dict(*trained->module, io::read_state_dict(weights), nn::LoadMode::kStrict, weights.string());
   trained->module->eval();
   return encoder;
+}
+
+FlowEncoder flow_encoder_of(const std::filesystem::path& run, torch::Device device) {
+  const FlowConfig found = flow_config_of(run, /*may_see_flow=*/true);
+  FlowEncoder flow;
+  flow.channels = found.channels;
+  const Json::json_pointer size("/dataset/args/image_size");
+  if (found.flow.run.contains(size)) {
+    const Json& value = found.flow.run.at(size);
+    if (!value.is_number_integer() || value < 1 || value > 4096)
+      throw InputError(found.flow.config.string(), size.to_string(), "must be a whole number from 1 to 4096");
+    flow.image_size = value;
+  }
+  flow.encoder = trained_condition_encoder(run, found.flow, flow.image_size, flow.channels, device);
+  return flow;
 }
 
 }  // namespace anigen::vision

@@ -88,4 +88,14 @@ std::unique_ptr<ConditionEncoder> trained_condition_encoder(const std::filesyste
                                                             std::int64_t image_size, std::int64_t channels,
                                                             torch::Device device);
 
+/// The image encoder of a flow, whatever stage it is of.
+struct FlowEncoder {
+  std::unique_ptr<ConditionEncoder> encoder;
+  std::int64_t image_size = kConditionSize;  ///< of the dataset that the flow was trained on
+  std::int64_t channels = 0;                 ///< of its tokens
+};
+/// @param run folder of the flow @throws InputError naming its config: no model with cond_channels, or as
+/// trained_condition_encoder()
+FlowEncoder flow_encoder_of(const std::filesystem::path& run, torch::Device device);
+
 }  // namespace anigen::vision

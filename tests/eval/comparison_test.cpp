@@ -261,7 +261,7 @@ class LpipsHookTest : public ::testing::Test {
     request.report = false;
     request.settings.lpips = description;
     if (!description.is_null()) {
-      request.perceptual = [this](const io::Image& a, const io::Image& b) {
+      request.perceptual.lpips = [this](const io::Image& a, const io::Image& b) {
         ++calls_;
         EXPECT_EQ(a.width, 32);
         EXPECT_EQ(b.height, 32);
@@ -309,6 +309,21 @@ TEST_F(LpipsHookTest, ADistanceWithoutADescriptionIsRefused) {
   EvaluationRequest nameless = request(weights("aa"));
   nameless.settings.lpips = nullptr;
   EXPECT_THROW(run_evaluation(nameless), Error);
+  nameless = request(nullptr);
+  nameless.settings.image_encoder = weights("aa");
+  EXPECT_THROW(run_evaluation(nameless), Error);
+}
+
+TEST_F(LpipsHookTest, TheDistanceOfAnImageEncoderIsAMetricOfItsOwn) {
+  EvaluationRequest encoded = request(nullptr);
+  encoded.settings.image_encoder = weights("bb");
+  encoded.perceptual.encoder = [](const io::Image&, const io::Image&) { return 0.125; };
+  const Comparison comparison = run_evaluation(encoded);
+  EXPECT_DOUBLE_EQ(comparison.results[0][0].value("encoder_distance"), 0.125);
+  EXPECT_EQ(comparison.results[0][0].not_computed.count("lpips"), 1u);
+  EXPECT_EQ(metrics()["settings"]["image_encoder"], weights("bb"));
+  EXPECT_EQ(run_evaluation(request(nullptr)).results[0][0].not_computed.at("encoder_distance"),
+            "no image encoder given");
 }
 
 }  // namespace

@@ -105,7 +105,7 @@ TEST(PairEvaluation, CategoryIsAMetricOnlyWhereItIsAskedAndKnown) {
   settings.alignment.icp = false;
   EXPECT_EQ(evaluate_pair(walker, walker, settings).not_computed.count("category"), 1u);
   const auto ask = [&](const std::string& expected) {
-    return evaluate_pair(walker, walker, settings, nullptr, {&references, expected, "walker-1"});
+    return evaluate_pair(walker, walker, settings, {}, {&references, expected, "walker-1"});
   };
   EXPECT_EQ(ask("walker").value("category"), 1.0);
   EXPECT_EQ(ask("ball").value("category"), 0.0);

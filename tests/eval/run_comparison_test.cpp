@@ -182,7 +182,7 @@ TEST_F(RunComparisonTest, WhateverOnePairThrowsIsItsFailure) {
   with_lpips.report = false;
   set_thread_count(1);
   std::size_t calls = 0;
-  with_lpips.perceptual = [&calls](const io::Image&, const io::Image&) -> double {
+  with_lpips.perceptual.lpips = [&calls](const io::Image&, const io::Image&) -> double {
     if (++calls == 1) throw std::bad_alloc();
     if (calls == 2) throw std::runtime_error("shapes differ\nException raised from f at x.cpp:1");
     return 0.5;
@@ -195,7 +195,7 @@ TEST_F(RunComparisonTest, WhateverOnePairThrowsIsItsFailure) {
   EXPECT_NEAR(comparison.results[0][1].value("lpips"), 0.5, 1e-9);
   EXPECT_EQ(read_csv(folder_ / "out/metrics.csv").rows.size(), 4u);
   with_lpips.resume = false;
-  with_lpips.perceptual = [](const io::Image&, const io::Image&) -> double { throw Interrupted("stopped"); };
+  with_lpips.perceptual.lpips = [](const io::Image&, const io::Image&) -> double { throw Interrupted("stopped"); };
   EXPECT_THROW(run_evaluation(with_lpips), Interrupted);
 }
 

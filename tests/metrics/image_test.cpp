@@ -132,10 +132,11 @@ TEST(Views, ScoresKnowEqualAndDifferentPictures) {
   EXPECT_EQ(same.psnr, kLargestPsnr);
   EXPECT_NEAR(same.ssim, 1.0, 1e-12);
   EXPECT_FALSE(same.lpips.has_value());  // not computed, and not made up
+  EXPECT_FALSE(same.encoder.has_value());
   const auto other = render_views(test::rigged(test::crawler(8)), {}, options);
   int calls = 0;
-  const ImageScores different =
-      image_scores(other, truth, [&](const io::Image&, const io::Image&) { return static_cast<double>(++calls); });
+  const ImageScores different = image_scores(
+      other, truth, {[&](const io::Image&, const io::Image&) { return static_cast<double>(++calls); }, {}});
   EXPECT_LT(different.psnr, 30.0);
   EXPECT_LT(different.ssim, 0.95);
   EXPECT_EQ(calls, 4);

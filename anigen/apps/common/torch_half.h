@@ -67,9 +67,9 @@ struct TorchHalf {
   rigging::LearnedSteps (*learned_steps)(const RigArguments& arguments, const CommonOptions& common);
   /// anigen-rig --skin learned: the step that binds.
   rigging::LearnedSteps (*learned_skin)(const RigArguments& arguments, const CommonOptions& common);
-  /// anigen-eval --lpips-weights: sets the request's perceptual metric.
-  void (*add_perceptual_metric)(const EvalArguments& arguments, const CommonOptions& common,
-                                eval::EvaluationRequest& request);
+  /// anigen-eval --lpips-weights and --image-encoder: sets the request's perceptual distances.
+  void (*add_perceptual_distances)(const EvalArguments& arguments, const CommonOptions& common,
+                                   eval::EvaluationRequest& request);
   /// anigen-eval --skin-ae: weights encoded by a trained skin auto-encoder and decoded again.
   eval::SkinMethod (*skin_reconstruction)(const std::string& run, const CommonOptions& common, Json& settings);
   /// anigen-eval --skin-run: corrected weights and those that they correct.

@@ -23,6 +23,7 @@
 #include "anigen/generate/field_rigger.h"
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/oracle.h"
+#include "anigen/generate/picture_distances.h"
 #include "anigen/generate/retrieve.h"
 #include "anigen/generate/rignet_rigger.h"
 #include "anigen/generate/run_weights.h"
@@ -84,13 +85,20 @@ eval::SkinMethod skin_reconstruction(const std::string& run, const CommonOptions
   return method;
 }
 
-void add_perceptual_metric(const EvalArguments& arguments, const CommonOptions& common,
-                           eval::EvaluationRequest& request) {
+void add_perceptual_distances(const EvalArguments& arguments, const CommonOptions& common,
+                              eval::EvaluationRequest& request) {
   nn::set_up_computing(common.threads);
-  const std::vector<std::filesystem::path> files(arguments.lpips_weights.begin(), arguments.lpips_weights.end());
-  const auto metric = std::make_shared<generate::PerceptualMetric>(files, common.device);
-  request.settings.lpips = metric->describe();
-  request.perceptual = [metric](const io::Image& a, const io::Image& b) { return metric->distance(a, b); };
+  if (!arguments.lpips_weights.empty()) {
+    const std::vector<std::filesystem::path> files(arguments.lpips_weights.begin(), arguments.lpips_weights.end());
+    const auto lpips = std::make_shared<generate::LpipsDistance>(files, common.device);
+    request.settings.lpips = lpips->describe();
+    request.perceptual.lpips = [lpips](const io::Image& a, const io::Image& b) { return lpips->distance(a, b); };
+  }
+  if (!arguments.image_encoder.empty()) {
+    const auto encoder = std::make_shared<generate::EncoderDistance>(arguments.image_encoder, common.device);
+    request.settings.image_encoder = encoder->describe();
+    request.perceptual.encoder = [encoder](const io::Image& a, const io::Image& b) { return encoder->distance(a, b); };
+  }
 }
 
 void evaluate_structures(const EvalArguments& arguments, const CommonOptions& common) {
@@ -433,14 +441,22 @@ std::string describe_weights(const std::string& run, Json& description) {
 /// The entry that torch_half() looks for.
 extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_half() {
   static const TorchHalf half{
-      nn::version_details,   run_encode,
-      run_generate,          run_train,
-      animate_from_video,    retrieve,
-      learned_steps,         learned_skin,
-      add_perceptual_metric, skin_reconstruction,
-      skin_corrections,      evaluate_structures,
-      evaluate_matting,      evaluate_oracle,
-      describe_weights,      vision::make_feature_extractor,
+      nn::version_details,
+      run_encode,
+      run_generate,
+      run_train,
+      animate_from_video,
+      retrieve,
+      learned_steps,
+      learned_skin,
+      add_perceptual_distances,
+      skin_reconstruction,
+      skin_corrections,
+      evaluate_structures,
+      evaluate_matting,
+      evaluate_oracle,
+      describe_weights,
+      vision::make_feature_extractor,
   };
   return &half;
 }
