@@ -265,10 +265,15 @@ class Generation {
       Outcome& outcome = outcomes_[i];
       outcome.passes += sampled.passes;
       outcome.seconds += seconds;
+      std::printf("  %-36s %6lld passes %9.1f s, distances", measures_[i].name.c_str(),
+                  static_cast<long long>(sampled.passes), seconds);
       for (std::size_t stream = 0; stream < reference.size(); ++stream) {
         outcome.distances.push_back(
             ((sampled.samples[stream] - reference[stream]).norm() / reference[stream].norm()).item<double>());
+        std::printf(" %.4f", outcome.distances.back());
       }
+      std::printf("\n");
+      std::fflush(stdout);  // a whole table takes hours, and may be stopped
     }
   }
 
