@@ -256,8 +256,8 @@ int main(int argc, char** argv) {
   std::vector<std::string> methods = rigging::rigging_method_words();
   methods.insert(methods.end(), {"retrieval", kAnigen, kAnymate, kRignet});
   add_option(app, "--method", options.rig.method,
-             ". auto: the mesh's own joints, or else those of anigen where they are sure, or a template that fits, or "
-             "else the mesh's curve, bound by heat; "
+             ". auto: the mesh's own joints, or else those of anigen where they are sure, or else a template that "
+             "fits, or else the mesh's curve, bound by heat; "
              "nearest, geovoxel, heat: bind a mesh to the skeleton it has, or to --skeleton, by the nearest bone, by "
              "paths through its inside, or by heat; pinocchio: embed a template, bind by heat; curve: joints along "
              "the curve that the mesh contracts to, bound by geovoxel; template: the dataset's middle skeleton in "

@@ -13,7 +13,7 @@ namespace anigen::engine {
 /// Options of a rig, as those of anigen-rig (docs/rigging.md).
 struct RigOptions {
   /// auto, curve, pinocchio, or for joints that the mesh has: nearest, geovoxel, heat. auto keeps joints that the mesh
-  /// has, else takes joints of the shipped flows where these are sure, or a template that fits, else the curve.
+  /// has, else takes joints of the shipped flows where these are sure, else a template that fits, else the curve.
   std::string method = "auto";
   std::string skin;                    ///< nearest, geovoxel, heat; empty: as the method says
   std::vector<std::string> templates;  ///< species for auto and pinocchio, such as "fox"; empty: the usual ones

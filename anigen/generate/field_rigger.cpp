@@ -10,11 +10,14 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/run_folder.h"
+#include "anigen/data/rigged_item.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/generate/assemble.h"
 #include "anigen/generate/asset_generator.h"
 #include "anigen/geometry/voxel_grid.h"
 #include "anigen/geometry/voxelize.h"
+#include "anigen/rigging/medial_ascent.h"
+#include "anigen/rigging/pinocchio_solid.h"
 
 namespace anigen::generate {
 
@@ -80,6 +83,30 @@ skeleton_field::SkeletonField with_mirrored(const skeleton_field::SkeletonField&
   return both;
 }
 
+// Votes fall a third of a voxel beside the middle of a limb on average, and what lies in the middle groups better.
+// Chosen, as the resolution, on 64 creatures and 23 public rigs that the flows had not seen (docs/rigging.md).
+constexpr double kVoteReach = 0.02;  // of the unit cube
+constexpr int kSolidResolution = 96;
+
+/// Moves votes for joints across their bones, which lead from the votes for parents, to the middle of the solid that
+/// the mesh suggests.
+void centre_votes(skeleton_field::SkeletonField& votes, const Mesh& mesh, const Similarity& to_cube) {
+  const rigging::SolidField solid = rigging::solid_field(mesh, 1.0, kSolidResolution);
+  const double scale = solid.from_mesh.scale / to_cube.scale;  // cube → solid
+  const Eigen::Vector3d offset = solid.from_mesh.offset - scale * to_cube.offset;
+  const std::vector<Eigen::Vector3f> joints = nn::points_of(votes.joints, "joints"),
+                                     parents = nn::points_of(votes.parents, "parents");
+  std::vector<Eigen::Vector3d> points, along;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    points.emplace_back(scale * joints[i].cast<double>() + offset);
+    along.emplace_back((joints[i] - parents[i]).cast<double>());
+  }
+  points = rigging::ascend_to_medial(solid, points, along, scale * kVoteReach);
+  std::vector<Eigen::Vector3f> centred;
+  for (const Eigen::Vector3d& point : points) centred.emplace_back(((point - offset) / scale).cast<float>());
+  votes.joints = data::points_tensor(centred).to(votes.joints.options());
+}
+
 std::string agreement_text(double agreement) {
   char text[80];
   std::snprintf(text, sizeof text, "agreement with the mirror image %.2f", agreement);
@@ -133,6 +160,7 @@ FieldRigger::Found FieldRigger::find(const io::RiggedShape& shape) {
   if (!skeleton.any().item<bool>()) throw Error(shape.file + ": the first flow finds no skeleton in this shape");
   found.votes =
       with_mirrored(votes_at(voxels, skeleton), votes_at(voxels.flip({kGridAcross}), skeleton.flip({kGridAcross})));
+  centre_votes(found.votes, shape.mesh, found.to_cube);
   const Skeleton unit = decoded_skeleton(decoder_->grouped(found.votes));
   std::vector<Eigen::Vector3d> joints = unit.positions();
   for (Eigen::Vector3d& joint : joints) joint = (joint - found.to_cube.offset) / found.to_cube.scale;
@@ -150,8 +178,7 @@ rigging::LearnedSteps FieldRigger::steps(const std::shared_ptr<FieldRigger>& rig
     try {
       const Found found = rigger->find(shape);
       const std::string text = agreement_text(found.agreement);
-      if (found.agreement >= kTrustedAgreement)
-        return rigging::ProposedJoints{found.skeleton, "flows, " + text, found.agreement >= kCertainAgreement};
+      if (found.agreement >= kTrustedAgreement) return rigging::ProposedJoints{found.skeleton, "flows, " + text};
       why_not = "flows are unsure: " + text;
     } catch (const Interrupted&) {
       throw;

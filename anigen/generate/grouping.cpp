@@ -12,6 +12,8 @@
 #include "anigen/core/log.h"
 #include "anigen/core/process.h"
 #include "anigen/data/metadata.h"
+#include "anigen/generate/asset_generator.h"
+#include "anigen/generate/asset_maker.h"
 #include "anigen/generate/field_rigger.h"
 #include "anigen/generate/generate_assets.h"
 #include "anigen/generate/stage_generators.h"
@@ -26,8 +28,8 @@ namespace {
 
 using Eigen::Vector3f;
 
-constexpr double kBandwidths[] = {0.004, 0.006, 0.008, 0.01, 0.014, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05};
-constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40};
+constexpr double kBandwidths[] = {0.004, 0.006, 0.008, 0.01, 0.014, 0.017, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05};
+constexpr int kLeastVotes[] = {1, 2, 3, 4, 5, 7, 10, 14, 20, 24, 28, 40};
 
 struct VotedAsset {
   skeleton_field::Votes votes;

@@ -261,6 +261,10 @@ Tensor StructureGenerator::shape_latent(const Tensor& voxels) {
   return data::normalised(latent, reading_.normalization);
 }
 
+// A voxel too many costs the second flow little, since its votes are grouped; a missing limb stays missing. Chosen with
+// the values that kTrustedAgreement was chosen by.
+constexpr double kSkeletonLogit = -2.0;
+
 StructureGenerator::FoundSkeleton StructureGenerator::skeleton_of(const Tensor& voxels, const flow::Streams& noise) {
   const torch::NoGradGuard no_grad;
   const auto logits_of = [&](const Tensor& shape) {
@@ -270,7 +274,7 @@ StructureGenerator::FoundSkeleton StructureGenerator::skeleton_of(const Tensor& 
   const Tensor own = logits_of(voxels), mirrored = logits_of(voxels.flip({kGridAcross})).flip({kGridAcross});
   const double common = ((own > 0) & (mirrored > 0)).sum().item<double>(),
                either = ((own > 0) | (mirrored > 0)).sum().item<double>();
-  return {sparse_structure::largest_component((0.5 * (own + mirrored) > 0).contiguous()),
+  return {sparse_structure::largest_component((0.5 * (own + mirrored) > kSkeletonLogit).contiguous()),
           common / std::max(1.0, either)};
 }
 

@@ -91,8 +91,8 @@ ProposedJoints embedded(const Mesh& mesh, const std::vector<TemplateSkeleton>& t
   return {std::move(choice.embedded.skeleton), note};
 }
 
-/// Learned joints that are certain, else a template where one fits, else learned joints, else the mesh's curve, which
-/// follows any shape. The note says which, and why.
+/// Learned joints, else a template where one fits, else the mesh's curve, which follows any shape; the first two
+/// exchanged by JointOptions::templates_first. The note says which, and why.
 ProposedJoints chosen_joints(const io::RiggedShape& shape, const std::vector<TemplateSkeleton>& templates,
                              const JointOptions& options) {
   const Mesh& mesh = shape.mesh;
@@ -100,7 +100,7 @@ ProposedJoints chosen_joints(const io::RiggedShape& shape, const std::vector<Tem
   std::string why_not, refused;
   std::optional<ProposedJoints> learned;
   if (options.learned && !named) learned = options.learned(shape, why_not);
-  if (learned && learned->certain && !options.templates_first) return std::move(*learned);
+  if (learned && !options.templates_first) return std::move(*learned);
   std::optional<TemplateChoice> choice;
   try {
     choice = choose_template(mesh, templates, options.embedding);

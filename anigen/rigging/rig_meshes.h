@@ -75,9 +75,8 @@ std::vector<std::string> rigging_method_words();
 
 /// Joints for one mesh.
 struct ProposedJoints {
-  Skeleton skeleton;     ///< the mesh's frame
-  std::string note;      ///< how it came about, for the report; may be empty
-  bool certain = false;  ///< learned joints that go before a template, even one that fits
+  Skeleton skeleton;  ///< the mesh's frame
+  std::string note;   ///< how it came about, for the report; may be empty
 };
 
 /// Joints of a mesh by whoever has learned to find them; nothing where it is not sure of them, and `why_not` says why.
@@ -94,9 +93,8 @@ struct JointOptions {
   std::vector<std::filesystem::path> splits;  ///< of the collection
   CurveSkeletonOptions curve;
   EmbeddingOptions embedding;
-  SureJoints learned;            ///< kAuto: certain ones go before a template that fits, others before the curve; may
-                                 ///< be unset
-  bool templates_first = false;  ///< kAuto: not even certain ones go before a template that fits
+  SureJoints learned;            ///< kAuto: go before a template that fits; may be unset
+  bool templates_first = false;  ///< kAuto: a template that fits goes before learned joints
 };
 
 /// Finds joints for one mesh after another; what they share is read once. Const: several threads may ask at once.

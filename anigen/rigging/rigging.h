@@ -12,6 +12,7 @@
 #include "anigen/rigging/humanoid.h"
 #include "anigen/rigging/humanoid_limbs.h"
 #include "anigen/rigging/humanoid_names.h"
+#include "anigen/rigging/medial_ascent.h"
 #include "anigen/rigging/pinocchio.h"
 #include "anigen/rigging/pinocchio_discrete.h"
 #include "anigen/rigging/pinocchio_solid.h"

@@ -25,7 +25,7 @@ bl_info = {
     "category": "Rigging",
 }
 
-METHODS = [("auto", "Automatic", "Learned joints or a template, whichever is sure, else the curve of the mesh"),
+METHODS = [("auto", "Automatic", "Learned joints where they are sure, else a template that fits, else the curve of the mesh"),
            ("curve", "Curve", "Joints along the curve that the mesh contracts to"),
            ("pinocchio", "Template", "A template embedded in the mesh"),
            ("anigen", "Learned", "Joints by the flows of the shipped models")]

@@ -47,7 +47,7 @@ double mean_nearest(const std::vector<Eigen::Vector3d>& from, const std::vector<
   return sum / static_cast<double>(from.size());
 }
 
-// 50 creatures of the test have .029; the limit leaves room for which ones these are.
+// 50 creatures of the test have .026; the limit leaves room for which ones these are.
 TEST(ShippedWeights, FlowsFindTheJointsOfUnseenCreatures) {
   constexpr int kCreatures = 6;
   constexpr std::uint64_t kSeed = creature_seeds::kFirstTest + 7;

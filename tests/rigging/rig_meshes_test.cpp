@@ -360,6 +360,7 @@ TEST_F(RigMeshes, WhereNoTemplateFitsLearnedJointsGoBeforeTheCurve) {
   io::write_ply(folder_ / "rod.ply", rod);
   request_.method = parse_rigging_method("auto");
   request_.joints = {};
+  request_.joints.templates_first = true;
   request_.meshes = folder_ / "rod.ply";
   request_.out = folder_ / "rigged.glb";
   bool knows = true;
@@ -380,7 +381,7 @@ TEST_F(RigMeshes, WhereNoTemplateFitsLearnedJointsGoBeforeTheCurve) {
   EXPECT_EQ(report.note.rfind("curve, since ", 0), 0u) << report.note;
 }
 
-TEST_F(RigMeshes, CertainLearnedJointsGoBeforeATemplateThatFits) {
+TEST_F(RigMeshes, LearnedJointsGoBeforeATemplateThatFits) {
   const Asset man = creatures::make_creature("biped", 5, 1);
   io::write_ply(folder_ / "man.ply", man.mesh);
   request_.method = parse_rigging_method("auto");
@@ -389,16 +390,13 @@ TEST_F(RigMeshes, CertainLearnedJointsGoBeforeATemplateThatFits) {
   request_.out = folder_ / "rigged.glb";
   const auto note = [&] { return rig_meshes(request_).meshes.at(0).note; };
   ASSERT_NE(note().find(" fits: "), std::string::npos) << note();
-  bool certain = true;
   request_.joints.learned = [&](const io::RiggedShape&, std::string&) -> std::optional<ProposedJoints> {
-    return ProposedJoints{skeleton_from_joints({{0, 0, 0}, {0, 0, 1}}, {-1, 0}), "learned", certain};
+    return ProposedJoints{skeleton_from_joints({{0, 0, 0}, {0, 0, 1}}, {-1, 0}), "learned"};
   };
   EXPECT_EQ(note(), "learned");
   request_.joints.templates_first = true;
   EXPECT_NE(note().find(" fits: "), std::string::npos);
-  request_.joints.templates_first = certain = false;
-  EXPECT_NE(note().find(" fits: "), std::string::npos);
-  certain = true;
+  request_.joints.templates_first = false;
   request_.joints.templates = {"biped"};
   EXPECT_EQ(note().rfind("template biped, ", 0), 0u) << "what is named is taken";
 }
