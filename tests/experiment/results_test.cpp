@@ -315,7 +315,7 @@ std::string problems_of_kept_file(const fs::path& file) {
 
 std::vector<fs::path> pages() {
   std::vector<fs::path> files{test::source_dir() / "README.md"};
-  for (const char* folder : {"docs", "datasets"})
+  for (const char* folder : {"docs", "datasets", "datasets/rig_benchmark"})
     for (const auto& entry : fs::directory_iterator(test::source_dir() / folder))
       if (entry.path().extension() == ".md") files.push_back(entry.path());
   std::sort(files.begin(), files.end());
