@@ -83,10 +83,10 @@ skeleton_field::SkeletonField with_mirrored(const skeleton_field::SkeletonField&
   return both;
 }
 
-// Votes fall a third of a voxel beside the middle of a limb on average, and what lies in the middle groups better.
-// Chosen, as the resolution, on 64 creatures and 23 public rigs that the flows had not seen (docs/rigging.md).
-constexpr double kVoteReach = 0.02;  // of the unit cube
-constexpr int kSolidResolution = 96;
+// Joints grouped from votes as they are err by half a voxel across a limb, and votes in its middle group better. Chosen
+// on creatures and rigs that the flows had not seen (experiments/results/rigging/flows.md).
+constexpr double kVoteReach = 0.02;   // of the unit cube
+constexpr int kSolidResolution = 96;  // that of curve skeletons
 
 /// Moves votes for joints across their bones, which lead from the votes for parents, to the middle of the solid that
 /// the mesh suggests.

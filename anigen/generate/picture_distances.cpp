@@ -51,6 +51,26 @@ vision::FlowEncoder color_encoder_of(const std::filesystem::path& flow, const st
   return vision::flow_encoder_of(flow, nn::parse_device(device));
 }
 
+/// SHA-256 of a flow's config, of its encoder's weights where it has any, and of the runs whose networks the encoder
+/// asks.
+Json encoder_files(const std::filesystem::path& flow) {
+  const std::filesystem::path config = RunFolder{flow}.config();
+  Json files = {{"config_sha256", sha256_of_file(config)}};
+  const Json options = load_config(config).value("/trainer/args/image_encoder"_json_pointer, Json::object());
+  if (options.value("name", "") != "patch") return files;
+  const auto weights = [](const std::filesystem::path& run, const char* model) {
+    return sha256_of_file(nn::newest_checkpoint(run, model));
+  };
+  files["weights_sha256"] = weights(flow, "image_encoder");
+  const auto other = [&](const char* key) {
+    return nn::named_run(flow, options.at(key).get<std::string>(), config,
+                         std::string("/trainer/args/image_encoder/") + key);
+  };
+  if (options.contains("estimator")) files["estimator_sha256"] = weights(other("estimator"), "estimator");
+  if (options.contains("flow")) files["flow"] = encoder_files(other("flow"));
+  return files;
+}
+
 double finite(double value, const char* metric) {
   if (!std::isfinite(value)) throw InputError("", metric, "is not finite: the numbers of these weights overflow");
   return value;
@@ -74,9 +94,7 @@ double LpipsDistance::distance(const io::Image& a, const io::Image& b) {
 
 EncoderDistance::EncoderDistance(const std::filesystem::path& flow, const std::string& device)
     : flow_(color_encoder_of(flow, device)) {
-  description_ = {{"flow", flow.filename().string()}, {"config_sha256", sha256_of_file(RunFolder{flow}.config())}};
-  if (const std::optional<nn::NamedModel> trained = flow_.encoder->trained())
-    description_["weights_sha256"] = sha256_of_file(nn::newest_checkpoint(flow, trained->name));
+  description_ = encoder_files(flow);
 }
 
 double EncoderDistance::distance(const io::Image& a, const io::Image& b) {

@@ -49,7 +49,7 @@ class EncoderDistance {
   /// The pictures are resized to those of the flow's training. @throws InputError when they differ in size
   double distance(const io::Image& a, const io::Image& b);
 
-  /// Inputs that decide the numbers: the flow's name, SHA-256 of its config and its encoder's weights.
+  /// Inputs that decide the numbers: SHA-256 of the flow's config, its encoder's weights and those that this one asks.
   const Json& describe() const { return description_; }
 
  private:

@@ -100,9 +100,10 @@ TEST_F(EncoderDistanceTest, GrowsWithThatWhichPicturesShow) {
 
 TEST_F(EncoderDistanceTest, IsDescribedByConfigAndWeights) {
   const Json description = EncoderDistance(weights_ / "ss_flow").describe();
-  EXPECT_EQ(description.at("flow"), "ss_flow");
   EXPECT_EQ(description.at("config_sha256"), sha256_of_file(weights_ / "ss_flow/config.json"));
   EXPECT_EQ(description.at("weights_sha256").get<std::string>().size(), 64u);
+  EXPECT_EQ(description.at("estimator_sha256").get<std::string>().size(), 64u);
+  EXPECT_EQ(EncoderDistance(weights_ / "slat_flow").describe().at("flow"), description) << "which its encoder asks";
 }
 
 TEST_F(EncoderDistanceTest, RefusesFlowsWithoutColoursAndPicturesThatDiffer) {
