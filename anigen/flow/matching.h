@@ -39,7 +39,8 @@ inline constexpr std::int64_t kTimeBins = 10;
 Tensor time_bin(const Tensor& t, std::int64_t bins = kTimeBins);
 
 /// Mean of the values whose time lies in each bin, for the training log: a loss that is low at noisy times and high
-/// at clean ones shows here and not in the total. @param values, t [B] @return [bins] fp64, NaN where no time falls
+/// at clean ones shows here and not in the total. @param values [B] @param t [B]; read by the host, which does not wait
+/// for the values @return [bins] fp64 on the device of the values, NaN where no time falls
 Tensor mean_per_time_bin(const Tensor& values, const Tensor& t, std::int64_t bins = kTimeBins);
 
 /// Mean squared error of each item. @param prediction, target [B, ...] @return [B] in fp32 or wider

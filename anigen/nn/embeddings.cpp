@@ -53,7 +53,7 @@ FourierEmbedding::FourierEmbedding(const Options& options)
 FourierEmbedding::FourierEmbedding(std::int64_t num_freqs) : FourierEmbedding(published(num_freqs)) {}
 
 Tensor FourierEmbedding::operator()(const Tensor& x) const {
-  const Tensor bands = bands_.to(x.options());
+  const Tensor bands = bands_.on(x.device()).to(dtype_of(x));
   const Tensor arguments = x.unsqueeze(-2) * bands.unsqueeze(-1);  // [..., n, d]
   // [..., n, 2, d] flattened gives sin(b_0 x), cos(b_0 x), sin(b_1 x), …
   const Tensor waves = torch::stack({arguments.sin(), arguments.cos()}, -2).flatten(-3);
@@ -61,7 +61,7 @@ Tensor FourierEmbedding::operator()(const Tensor& x) const {
 }
 
 std::int64_t FourierEmbedding::width(std::int64_t dims) const {
-  return dims * (2 * bands_.size(0) + (include_input_ ? 1 : 0));
+  return dims * (2 * bands().size(0) + (include_input_ ? 1 : 0));
 }
 
 Tensor timestep_features(const Tensor& t, std::int64_t width) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 
+#include "anigen/nn/host_tensor.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/torch.h"
 
@@ -32,10 +33,10 @@ class FourierEmbedding {
   /// @param x [..., d] @return [..., width(d)], dtype of x; the bands are fp32 values whatever the dtype
   Tensor operator()(const Tensor& x) const;
   std::int64_t width(std::int64_t dims) const;
-  const Tensor& bands() const { return bands_; }  ///< [n] fp32, on the CPU
+  const Tensor& bands() const { return bands_.host(); }  ///< [n] fp32, on the CPU
 
  private:
-  Tensor bands_;
+  HostTensor bands_;
   bool include_input_;
 };
 

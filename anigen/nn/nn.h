@@ -6,6 +6,7 @@
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/gelu_erf.h"
+#include "anigen/nn/host_tensor.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/int8_linear.h"
 #include "anigen/nn/linear.h"

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "anigen/nn/attention.h"
+#include "anigen/nn/host_tensor.h"
 #include "anigen/nn/kernels/attention_fp32.h"
 #include "anigen/nn/kernels/tiles.h"
 
@@ -17,7 +18,7 @@ namespace anigen::nn {
 
 struct Ragged::Kept {
   std::mutex mutex;
-  Tensor item_of_rows;
+  HostTensor item_of_rows;
 };
 
 Ragged::Ragged(std::vector<std::int64_t> lengths) : lengths_(std::move(lengths)), kept_(std::make_shared<Kept>()) {
@@ -36,14 +37,14 @@ Tensor Ragged::row_offsets() const {
 
 Tensor Ragged::item_of_rows(torch::Device device) const {
   const std::lock_guard<std::mutex> lock(kept_->mutex);
-  if (kept_->item_of_rows.defined() && kept_->item_of_rows.device() == device) return kept_->item_of_rows;
+  if (kept_->item_of_rows.defined()) return kept_->item_of_rows.on(device);
   const Tensor items = torch::empty({rows_}, torch::kInt64);
   auto* item = items.data_ptr<std::int64_t>();
   for (std::size_t i = 0; i < lengths_.size(); ++i) {
     item = std::fill_n(item, lengths_[i], static_cast<std::int64_t>(i));
   }
-  kept_->item_of_rows = to_device(items, device);
-  return kept_->item_of_rows;
+  kept_->item_of_rows = HostTensor(items);
+  return kept_->item_of_rows.on(device);
 }
 
 std::vector<Tensor> Ragged::split(const Tensor& rows) const { return rows.split_with_sizes(lengths_, 0); }

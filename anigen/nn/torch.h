@@ -52,8 +52,9 @@ inline Tensor fused_attention(const Tensor& q, const Tensor&, const Tensor&, con
 /// A tensor of the host on a device. It goes through pinned memory, so that a GPU copies it in the order of its work
 /// and the caller goes on; from pageable memory the caller would wait for all work that the GPU has been given.
 inline Tensor to_device(const Tensor& host, torch::Device device) {
-  if (!device.is_cuda() || !host.is_cpu()) return host.to(device);
-  return host.pin_memory().to(device, host.scalar_type(), /*non_blocking=*/true);
+  if (device.is_cpu() || !host.is_cpu()) return host.to(device);
+  const Tensor source = device.is_cuda() ? host.pin_memory() : host;
+  return source.to(device, host.scalar_type(), /*non_blocking=*/true);
 }
 
 /// Tensors that a forward pass saved for a backward pass without a derivative of its own. @throws c10::Error under

@@ -99,7 +99,7 @@ Tensor owners_of(const Tensor& centers, const Tensor& joints) {
   const Tensor owners = torch::empty({static_cast<std::int64_t>(nearest.size())}, torch::kInt64);
   auto* next = owners.data_ptr<std::int64_t>();
   for (const NearestJoints& joint : nearest) *next++ = joint.joint;
-  return owners.to(centers.device());
+  return nn::to_device(owners, centers.device());
 }
 
 }  // namespace
@@ -148,7 +148,7 @@ SkeletonTensors group_votes(const SkeletonField& field, const std::string& strat
     *parents++ = skeleton.parents[j];
   }
   const torch::Device device = field.joints.device();
-  return {tensors.joints.to(device), tensors.parents.to(device)};
+  return {nn::to_device(tensors.joints, device), nn::to_device(tensors.parents, device)};
 }
 
 JointSkinFeatures joint_skin_features(const SkeletonField& field, const Tensor& joints) {

@@ -111,17 +111,17 @@ SkeletonBatch SkeletonBatch::from_lists(const std::vector<Tensor>& joints, const
   SkeletonBatch batch;
   batch.joints = joints.size() == 1 ? joints[0] : torch::cat(joints, 0);
   const auto options = torch::TensorOptions().dtype(torch::kInt64);
-  batch.parent_rows = torch::tensor(parent_rows, options).to(batch.joints.device());
-  batch.anchor_rows = torch::tensor(anchor_rows, options).to(batch.joints.device());
+  batch.parent_rows = nn::to_device(torch::tensor(parent_rows, options), batch.joints.device());
+  batch.anchor_rows = nn::to_device(torch::tensor(anchor_rows, options), batch.joints.device());
   batch.items = nn::Ragged(lengths);
   return batch;
 }
 
 SkeletonBatch SkeletonBatch::to(torch::Device device) const {
   SkeletonBatch moved = *this;
-  moved.joints = joints.to(device);
-  moved.parent_rows = parent_rows.to(device);
-  moved.anchor_rows = anchor_rows.to(device);
+  moved.joints = nn::to_device(joints, device);
+  moved.parent_rows = nn::to_device(parent_rows, device);
+  moved.anchor_rows = nn::to_device(anchor_rows, device);
   return moved;
 }
 

@@ -308,8 +308,8 @@ SparseTensor downsample(const SparseTensor& x, const GridFactor& factor) {
   const torch::Dtype dtype = nn::dtype_of(x.feats), wide = nn::accumulation_dtype(dtype);
   const torch::Device device = x.feats.device();
   const Tensor sums = torch::zeros({coarse.support->size(), x.channels()}, x.feats.options().dtype(wide))
-                          .index_add(0, nn::to_device(coarse.row, device), x.feats.to(wide));
-  const Tensor members = nn::to_device(coarse.count, device).to(wide).unsqueeze(1);
+                          .index_add(0, coarse.row.on(device), x.feats.to(wide));
+  const Tensor members = coarse.count.on(device).to(wide).unsqueeze(1);
   return {coarse.support, (sums / (members + 1)).to(dtype)};
 }
 
@@ -319,7 +319,7 @@ SparseTensor upsample(const SparseTensor& coarse, const SupportPtr& fine, const 
       coarse.support == coarsening.support || torch::equal(coarse.support->coords(), coarsening.support->coords()),
       "up-sampling from ", coarse.support->size(), " voxels, which are not the ", coarsening.support->size(),
       " that the ", fine->size(), " fine ones lie in");
-  return {fine, coarse.feats.index_select(0, nn::to_device(coarsening.row, coarse.feats.device()))};
+  return {fine, coarse.feats.index_select(0, coarsening.row.on(coarse.feats.device()))};
 }
 
 SparseTensor subdivide(const SparseTensor& x) {

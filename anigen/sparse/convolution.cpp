@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
+#include <mutex>
 #include <string>
 
 #include "anigen/core/error.h"
@@ -36,7 +38,7 @@ struct ChildLinks {
   }
 };
 
-std::vector<ChildLinks> links_by_child(const TapPlan& plan, torch::Device device) {
+std::vector<ChildLinks> new_links_by_child(const TapPlan& plan, torch::Device device) {
   std::vector<ChildLinks> groups;
   for (std::size_t first = 0, last = 0; first < plan.links.size(); first = last) {
     std::vector<std::int64_t> taps, from_children, matrices;
@@ -51,6 +53,25 @@ std::vector<ChildLinks> links_by_child(const TapPlan& plan, torch::Device device
     groups.push_back({plan.links[first].to_child, on_device(taps), on_device(from_children), on_device(matrices)});
   }
   return groups;
+}
+
+// As above, from the last few that were made: networks have four plans, two each way.
+std::vector<ChildLinks> links_by_child(const TapPlan& plan, torch::Device device) {
+  struct Kept {
+    std::vector<TapLink> links;
+    torch::Device device;
+    std::vector<ChildLinks> groups;
+  };
+  constexpr std::size_t kMostKept = 8;
+  static std::mutex mutex;
+  static auto* const kept = new std::deque<Kept>;  // a GPU's memory may be gone before this is
+  const std::lock_guard<std::mutex> lock(mutex);
+  for (const Kept& known : *kept) {
+    if (known.device == device && known.links == plan.links) return known.groups;
+  }
+  kept->push_front({plan.links, device, new_links_by_child(plan, device)});
+  if (kept->size() > kMostKept) kept->pop_back();
+  return kept->front().groups;
 }
 
 Tensor with_zero_row(const Tensor& in) { return torch::cat({in, torch::zeros({1, in.size(1)}, in.options())}); }

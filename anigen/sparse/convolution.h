@@ -11,6 +11,10 @@ namespace anigen::sparse {
 /// One product of a convolution; see TapPlan.
 struct TapLink {
   std::int64_t tap, from_child, to_child, matrix;
+
+  bool operator==(const TapLink& other) const {
+    return tap == other.tap && from_child == other.from_child && to_child == other.to_child && matrix == other.matrix;
+  }
 };
 
 /// Links of a convolution over the neighbours of N voxels: rows and matrices. For every link and every row r

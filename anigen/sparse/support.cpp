@@ -117,7 +117,7 @@ Tensor children_of(const Tensor& coords) {
 // Coarse voxels and which one each row falls into: Support::coarsened, without a support.
 struct CoarseRows {
   Tensor coords;                      // [M, 4] int32
-  Tensor row, count;                  // as in Coarsening
+  Tensor row, count;                  // as in Coarsening, on the host
   std::vector<std::int64_t> lengths;  // coarse rows of each item
 };
 
@@ -208,15 +208,15 @@ VoxelOrder voxel_order(const Tensor& coords, const nn::Ragged& items, const Grid
 struct Support::Derived {
   std::mutex mutex;
   std::optional<VoxelOrder> order;  // of the check for equal voxels, until the neighbours are known
-  Tensor neighbours, neighbours_elsewhere;
+  nn::HostTensor neighbours, places;
   std::map<std::pair<std::int64_t, std::int64_t>, WindowOrder> windows;  // by size and shift
   SupportPtr subdivided;
   std::map<GridFactor, Coarsening> coarsened;  // by factor
 
-  const Tensor& neighbours_of(const Support& support) {
+  const nn::HostTensor& neighbours_of(const Support& support) {
     if (neighbours.defined()) return neighbours;
     if (!order) order = voxel_order(support.coords_, support.items_, 1);
-    neighbours = neighbour_map(*order, support.items_);
+    neighbours = nn::HostTensor(neighbour_map(*order, support.items_));
     order.reset();
     return neighbours;
   }
@@ -241,22 +241,24 @@ const Tensor& Support::coords() const { return coords_; }
 std::int64_t Support::size() const { return coords_.size(0); }
 const nn::Ragged& Support::items() const { return items_; }
 
+Tensor Support::places_on(torch::Device device) const {
+  const std::lock_guard<std::mutex> lock(derived_->mutex);
+  if (!derived_->places.defined()) derived_->places = nn::HostTensor(coords_.slice(1, 1));
+  return derived_->places.on(device);
+}
+
 Tensor Support::centers(std::int64_t resolution) const {
   return (coords_.slice(1, 1).to(torch::kFloat32) + 0.5) / static_cast<double>(resolution) - 0.5;
 }
 
 const Tensor& Support::neighbours() const {
   const std::lock_guard<std::mutex> lock(derived_->mutex);
-  return derived_->neighbours_of(*this);
+  return derived_->neighbours_of(*this).host();
 }
 
 Tensor Support::neighbours_on(torch::Device device) const {
   const std::lock_guard<std::mutex> lock(derived_->mutex);
-  const Tensor& here = derived_->neighbours_of(*this);
-  if (device.is_cpu()) return here;
-  Tensor& there = derived_->neighbours_elsewhere;
-  if (!there.defined() || there.device() != device) there = nn::to_device(here, device);
-  return there;
+  return derived_->neighbours_of(*this).on(device);
 }
 
 const WindowOrder& Support::windows(std::int64_t size, std::int64_t shift) const {
@@ -291,8 +293,8 @@ const Coarsening& Support::coarsened(const GridFactor& factor) const {
   CoarseRows rows = coarse_rows(coords_, items_, factor);
   Coarsening coarsening;
   coarsening.support = std::make_shared<Support>(Key{}, std::move(rows.coords), nn::Ragged(std::move(rows.lengths)));
-  coarsening.row = std::move(rows.row);
-  coarsening.count = std::move(rows.count);
+  coarsening.row = nn::HostTensor(rows.row);
+  coarsening.count = nn::HostTensor(rows.count);
   return derived_->coarsened.emplace(factor, std::move(coarsening)).first->second;
 }
 

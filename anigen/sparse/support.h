@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "anigen/nn/host_tensor.h"
 #include "anigen/nn/ragged_attention.h"
 #include "anigen/nn/torch.h"
 
@@ -49,8 +50,8 @@ using SupportPtr = std::shared_ptr<const Support>;
 
 /// Rows of a support sorted into groups that attend to each other (windows, or whole items).
 struct WindowOrder {
-  Tensor order;              ///< [N] int64: row at each place of the grouped order; ascending inside a window
-  Tensor place;              ///< [N] int64: inverse of order
+  nn::HostTensor order;      ///< [N] int64: row at each place of the grouped order; ascending inside a window
+  nn::HostTensor place;      ///< [N] int64: inverse of order
   Tensor offsets;            ///< [W + 1] int64, CPU: places where windows begin; no window is empty
   Tensor windows;            ///< [W] int64, CPU, ascending: number of the window as published (see Support::windows)
   std::int64_t longest = 0;  ///< rows of the largest window
@@ -58,9 +59,9 @@ struct WindowOrder {
 
 /// A coarser support and the way to it.
 struct Coarsening {
-  SupportPtr support;  ///< rows sorted by item, x, y, z
-  Tensor row;          ///< [N] int64: coarse row of each fine row
-  Tensor count;        ///< [coarse N] int64: fine rows of each coarse row, at least 1
+  SupportPtr support;    ///< rows sorted by item, x, y, z
+  nn::HostTensor row;    ///< [N] int64: coarse row of each fine row
+  nn::HostTensor count;  ///< [coarse N] int64: fine rows of each coarse row, at least 1
 };
 
 /// Set of voxels: the places of a SparseTensor, immutable and shared by every tensor with a feature row per place.
@@ -75,7 +76,9 @@ class Support : public std::enable_shared_from_this<Support> {
   /// range, a voxel twice
   static SupportPtr create(const Tensor& coords, std::int64_t items = 0);
 
-  const Tensor& coords() const;     ///< [N, 4] int32, CPU, contiguous
+  const Tensor& coords() const;  ///< [N, 4] int32, CPU, contiguous
+  /// x, y, z of the voxels: [N, 3] int32, kept on the device that asked last.
+  Tensor places_on(torch::Device device) const;
   std::int64_t size() const;        ///< N
   const nn::Ragged& items() const;  ///< rows of each item
   /// Centres (c + 0.5)/R − 0.5 of the voxels. @return [N, 3] fp32 (docs/reference/autoencoders.md, 1.1)
@@ -83,7 +86,7 @@ class Support : public std::enable_shared_from_this<Support> {
 
   /// Row of each of the 27 neighbours c + (i−1, j−1, k−1), tap (i·3 + j)·3 + k; −1 where there is none. [27, N] int32
   const Tensor& neighbours() const;
-  /// As above, kept on another device after the first call for it.
+  /// As above, kept on the device that asked last.
   Tensor neighbours_on(torch::Device device) const;
   /// Rows by windows of `size`³ voxels: the window of a row is (item, ⌊(c + shift)/size⌋)
   /// (docs/reference/autoencoders.md, 1.2). With n = ⌈(largest c + shift + 1)/size⌉ windows along an axis, over all

@@ -53,8 +53,8 @@ class PermuteRows : public torch::autograd::Function<PermuteRows> {
   }
 };
 
-Tensor permute_rows(const Tensor& rows, const Tensor& order, const Tensor& inverse) {
-  return PermuteRows::apply(rows, nn::to_device(order, rows.device()), nn::to_device(inverse, rows.device()));
+Tensor permute_rows(const Tensor& rows, const nn::HostTensor& order, const nn::HostTensor& inverse) {
+  return PermuteRows::apply(rows, order.on(rows.device()), inverse.on(rows.device()));
 }
 
 // Windows one after another, by ascending number.
@@ -129,10 +129,9 @@ WindowOrder window_order(const Tensor& coords, std::int64_t items, std::int64_t 
   const SortedKeys sorted = sort_keys(std::move(numbers));
 
   WindowOrder windows;
-  windows.order = torch::empty({rows}, torch::kInt64);
-  windows.place = torch::empty({rows}, torch::kInt64);
-  auto* order = windows.order.data_ptr<std::int64_t>();
-  auto* place = windows.place.data_ptr<std::int64_t>();
+  const Tensor order_list = torch::empty({rows}, torch::kInt64), place_list = torch::empty_like(order_list);
+  auto* order = order_list.data_ptr<std::int64_t>();
+  auto* place = place_list.data_ptr<std::int64_t>();
   std::vector<std::int64_t> offsets, found;
   for (std::int64_t i = 0; i < rows; ++i) {
     const auto at = static_cast<std::size_t>(i);
@@ -145,6 +144,8 @@ WindowOrder window_order(const Tensor& coords, std::int64_t items, std::int64_t 
   offsets.push_back(rows);
   for (std::size_t w = 0; w < found.size(); ++w)
     windows.longest = std::max(windows.longest, offsets[w + 1] - offsets[w]);
+  windows.order = nn::HostTensor(order_list);
+  windows.place = nn::HostTensor(place_list);
   windows.offsets = int64_tensor(offsets);
   windows.windows = int64_tensor(found);
   return windows;

@@ -56,7 +56,7 @@ using torch::Tensor;
 constexpr double kSlatFlowFinalNormEps = 1e-5;
 
 Tensor with_voxel_positions(const SparseTensor& x) {
-  const Tensor places = nn::to_device(x.support->coords().slice(1, 1), x.feats.device());
+  const Tensor places = x.support->places_on(x.feats.device());
   return x.feats + nn::absolute_position_embedding(places, x.channels()).to(nn::dtype_of(x.feats));
 }
 
@@ -341,7 +341,8 @@ StructuredVelocity StructuredLatentFlowImpl::forward(const SparseTensor& x, cons
     return {x.with(torch::cat({geometry_velocity(x, t, context), none}, 1)),
             x_skl.with(torch::zeros_like(x_skl.feats))};
   }
-  const Tensor counts = joints_num.defined() ? joints_num.to(t.device()).expand({batch}) : torch::zeros_like(t);
+  const Tensor counts =
+      joints_num.defined() ? nn::to_device(joints_num, t.device()).expand({batch}) : torch::zeros_like(t);
   const SparseTensor x_geo = x.with(x.feats.narrow(1, 0, geometry_channels));
   const SparseTensor x_skin = x.with(x.feats.narrow(1, geometry_channels, skin_.sizes.in_channels));
   StructuredLatentFlowState geo = geometry_.enter(x_geo, t, counts, dtype);

@@ -63,7 +63,7 @@ sparse::SparseBlockOptions block_options(const StructuredLatentCoderOptions& opt
 
 SparseTensor entered(nn::Linear& input, const SparseTensor& x, torch::Dtype block_dtype) {
   Tensor h = input->forward(x.feats.to(input->weight.options()));
-  const Tensor places = nn::to_device(x.support->coords().slice(1, 1), h.device());
+  const Tensor places = x.support->places_on(h.device());
   h = h + nn::absolute_position_embedding(places, h.size(1)).to(nn::dtype_of(h));
   return x.with(h.to(block_dtype));
 }
@@ -147,8 +147,8 @@ SparseTensor GroupedCross::forward(const SparseTensor& skin,
                                    const std::vector<skeleton_field::SkeletonTensors>& skeletons,
                                    const std::vector<skeleton_field::JointSkinFeatures>& features) {
   const torch::Dtype dtype = nn::dtype_of(place_->weight);
-  const Tensor centers =
-      (2.0 * skin.support->centers(resolution_)).to(place_->weight.device());  // the cube is [-1, 1]³
+  const Tensor centers =  // the cube is [-1, 1]³
+      nn::to_device(2.0 * skin.support->centers(resolution_), place_->weight.device());
   const Tensor places = place_->forward(fourier_(centers).to(dtype));
   const SparseTensor h = skin.with(fuse_->forward(torch::cat({skin.feats.to(dtype), places}, 1)));
   const SparseTensor attended = cross_->forward(h, {joint_context(skeletons, features, dtype)});

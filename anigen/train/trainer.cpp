@@ -55,6 +55,36 @@ data::StepBatches next_batches(data::Prefetcher& batches) {
   return batches.next();
 }
 
+// The losses of micro-batches, which are still being computed where the device is a GPU. All are read at once.
+class UnreadLosses {
+ public:
+  void add(const Losses& losses) {
+    std::vector<std::string>& names = names_.emplace_back();
+    const auto keep = [&](const std::string& name, const torch::Tensor& value) {
+      names.push_back("loss." + name);
+      values_.push_back(nn::to_device(value.detach(), losses.total.device()).to(torch::kFloat64).reshape({}));
+    };
+    keep("total", losses.total);
+    for (const auto& [name, term] : losses.terms) keep(name, term);
+  }
+
+  // Of each micro-batch, in the order of add().
+  std::vector<Values> read() const {
+    std::vector<Values> all(names_.size());
+    if (values_.empty()) return all;
+    const torch::Tensor host = torch::stack(values_).to(torch::kCPU);
+    std::int64_t next = 0;
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      for (const std::string& name : names_[k]) all[k].emplace_back(name, host[next++].item<double>());
+    }
+    return all;
+  }
+
+ private:
+  std::vector<std::vector<std::string>> names_;
+  std::vector<torch::Tensor> values_;  // fp64 scalars
+};
+
 // Averaged weights in the models' place for as long as this lives.
 class AveragedWeights {
  public:
@@ -403,26 +433,17 @@ void Trainer::train_micro_batches(const data::StepBatches& batches, const std::v
                                   std::vector<MicroBatch>& done) {
   const double scale = update_->loss_scale() / static_cast<double>(batches.size());
   workers_->run([&](std::size_t replica) {
+    // Read when all work of the step is under way, so that a GPU never waits for its host in between.
+    UnreadLosses unread;
     for (std::size_t k = replica; k < ours.size(); k += workers_->count()) {
       const std::size_t i = ours[k];
-      Values& logged = done[k].logged;
       log::debug("step {}, micro-batch {}: {}", step_, i, joined(batches[i]->ids));
       const Clock::time_point begin = Clock::now();
       const Losses losses = [&] {
         RECORD_USER_SCOPE("step: forward, the rest");
         return stages_[replica]->losses(*batches[i], {options_.seed, step_, i});
       }();
-      logged.emplace_back("loss.total", losses.total.item<double>());
-      for (const auto& [name, term] : losses.terms) logged.emplace_back("loss." + name, term.item<double>());
-      for (const auto& [name, value] : logged) {
-        done[k].finite = done[k].finite && std::isfinite(value);
-        if (std::isfinite(value) || options_.update.loss_scaling || !done[k].problem.empty()) continue;
-        done[k].problem = "step " + std::to_string(step_) + ": " + name + " is " + std::to_string(value) +
-                          " for samples " + joined(batches[i]->ids) +
-                          "; nothing was updated, the last checkpoint is sound";
-        // Other ranks wait for this one's gradients, whatever they are worth.
-        if (alone()) throw Error(done[k].problem);
-      }
+      unread.add(losses);
       const Clock::time_point middle = Clock::now();
       if (buckets_ && workers_->count() == 1 && k + 1 == ours.size()) buckets_->expect_last_backward();
       {
@@ -433,7 +454,26 @@ void Trainer::train_micro_batches(const data::StepBatches& batches, const std::v
       times_.forward += std::chrono::duration<double>(middle - begin).count();
       times_.backward += seconds_since(middle);
     }
+    const Clock::time_point end = Clock::now();
+    std::size_t k = replica;
+    for (Values& values : unread.read()) {
+      done[k].logged = std::move(values);
+      judge_losses(batches[ours[k]]->ids, done[k]);
+      k += workers_->count();
+    }
+    if (replica == 0) times_.backward += seconds_since(end);
   });
+}
+
+void Trainer::judge_losses(const std::vector<std::string>& ids, MicroBatch& done) const {
+  for (const auto& [name, value] : done.logged) {
+    done.finite = done.finite && std::isfinite(value);
+    if (std::isfinite(value) || options_.update.loss_scaling || !done.problem.empty()) continue;
+    done.problem = "step " + std::to_string(step_) + ": " + name + " is " + std::to_string(value) + " for samples " +
+                   joined(ids) + "; nothing was updated, the last checkpoint is sound";
+    // Other ranks wait for this one's gradients, whatever they are worth.
+    if (alone()) throw Error(done.problem);
+  }
 }
 
 StepVerdict Trainer::sum_gradients(const StepReport& report) {

@@ -101,6 +101,8 @@ class Trainer {
   StepVerdict train_step(const data::StepBatches& batches);
   void train_micro_batches(const data::StepBatches& batches, const std::vector<std::size_t>& ours,
                            std::vector<MicroBatch>& done);
+  /// Says what is not finite among its losses. @throws Error with that when there are no other ranks
+  void judge_losses(const std::vector<std::string>& ids, MicroBatch& done) const;
   StepVerdict sum_gradients(const StepReport& report);
   [[noreturn]] void stop_at_losses(const std::vector<MicroBatch>& done);
   [[noreturn]] void stop_at_gradient(const data::StepBatches& batches);

@@ -70,4 +70,4 @@ void run_attention_blocks(Fixture& fixture) {
 }  // namespace anigen::test
 
 ANIGEN_PARITY(ops_anymate_embedders, anigen::test::run_anymate_embedders)
-ANIGEN_PARITY(ops_anymate_attention_blocks, anigen::test::run_attention_blocks)
+ANIGEN_DEVICE_PARITY(ops_anymate_attention_blocks, anigen::test::run_attention_blocks)

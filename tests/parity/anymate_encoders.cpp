@@ -66,6 +66,7 @@ void run_michelangelo(Fixture& fixture) {
   options.only_embed = true;
   anymate::MichelangeloEncoder embedder(options, nn::Init::kNone);
   nn::load_state_dict(*embedder, fixture.parameters(), nn::LoadMode::kNonStrict);
+  embedder->to(fixture.device());
   fixture.check("embed_only", embedder(points));
 }
 
@@ -87,6 +88,6 @@ void run_transformer_encoder(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_anymate_pointbert, anigen::test::run_pointbert)
-ANIGEN_PARITY(ops_anymate_michelangelo_encoder, anigen::test::run_michelangelo)
-ANIGEN_PARITY(ops_anymate_transformer_encoder, anigen::test::run_transformer_encoder)
+ANIGEN_DEVICE_PARITY(ops_anymate_pointbert, anigen::test::run_pointbert)
+ANIGEN_DEVICE_PARITY(ops_anymate_michelangelo_encoder, anigen::test::run_michelangelo)
+ANIGEN_DEVICE_PARITY(ops_anymate_transformer_encoder, anigen::test::run_transformer_encoder)

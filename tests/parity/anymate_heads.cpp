@@ -106,7 +106,7 @@ void run_skin_concat(Fixture& fixture) {
 }  // namespace anigen::test
 
 ANIGEN_PARITY(ops_anymate_collate, anigen::test::run_collate)
-ANIGEN_PARITY(ops_anymate_conn_combine, anigen::test::run_conn_combine)
-ANIGEN_PARITY(ops_anymate_conn_token, anigen::test::run_conn_token)
-ANIGEN_PARITY(ops_anymate_skin_cross, anigen::test::run_skin_cross)
-ANIGEN_PARITY(ops_anymate_skin_concat, anigen::test::run_skin_concat)
+ANIGEN_DEVICE_PARITY(ops_anymate_conn_combine, anigen::test::run_conn_combine)
+ANIGEN_DEVICE_PARITY(ops_anymate_conn_token, anigen::test::run_conn_token)
+ANIGEN_DEVICE_PARITY(ops_anymate_skin_cross, anigen::test::run_skin_cross)
+ANIGEN_DEVICE_PARITY(ops_anymate_skin_concat, anigen::test::run_skin_concat)

@@ -159,9 +159,9 @@ void run_triplane(Fixture& fixture) {
 }  // namespace anigen::test
 
 ANIGEN_PARITY(ops_anymate_dbscan, anigen::test::run_dbscan)
-ANIGEN_PARITY(ops_anymate_joint_transformer, anigen::test::run_joint_transformer)
+ANIGEN_DEVICE_PARITY(ops_anymate_joint_transformer, anigen::test::run_joint_transformer)
 ANIGEN_PARITY(ops_anymate_ddim, anigen::test::run_ddim)
-ANIGEN_PARITY(ops_anymate_diffusion_concat, anigen::test::run_diffusion_concat)
-ANIGEN_PARITY(ops_anymate_diffusion_cross, anigen::test::run_diffusion_cross)
-ANIGEN_PARITY(ops_anymate_implicit, anigen::test::run_implicit)
-ANIGEN_PARITY(ops_anymate_triplane, anigen::test::run_triplane)
+ANIGEN_DEVICE_PARITY(ops_anymate_diffusion_concat, anigen::test::run_diffusion_concat)
+ANIGEN_DEVICE_PARITY(ops_anymate_diffusion_cross, anigen::test::run_diffusion_cross)
+ANIGEN_DEVICE_PARITY(ops_anymate_implicit, anigen::test::run_implicit)
+ANIGEN_DEVICE_PARITY(ops_anymate_triplane, anigen::test::run_triplane)

@@ -21,7 +21,7 @@ inline anymate::HeadOptions anymate_head(const Fixture& fixture) {
 /// Fills a module with all parameters of a fixture, every key must match, and puts it into evaluation.
 template <typename Module>
 void load_all(Module& module, const Fixture& fixture) {
-  nn::load_state_dict(*module, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(module, fixture);
   module->eval();
 }
 
@@ -32,7 +32,7 @@ inline torch::Tensor input_with_gradient(const Fixture& fixture, const char* nam
 
 /// An input [B] of counts.
 inline std::vector<std::int64_t> anymate_counts(const Fixture& fixture, const char* name) {
-  const torch::Tensor counts = fixture.input(name).to(torch::kInt64).contiguous();
+  const torch::Tensor counts = fixture.host_input(name).to(torch::kInt64).contiguous();
   return {counts.data_ptr<std::int64_t>(), counts.data_ptr<std::int64_t>() + counts.numel()};
 }
 

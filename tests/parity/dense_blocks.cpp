@@ -124,6 +124,6 @@ void run_modulated_blocks(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_dense_attention, anigen::test::run_dense_attention)
-ANIGEN_PARITY(ops_dense_blocks, anigen::test::run_dense_blocks)
-ANIGEN_PARITY(ops_dense_modulated_blocks, anigen::test::run_modulated_blocks)
+ANIGEN_DEVICE_PARITY(ops_dense_attention, anigen::test::run_dense_attention)
+ANIGEN_DEVICE_PARITY(ops_dense_blocks, anigen::test::run_dense_blocks)
+ANIGEN_DEVICE_PARITY(ops_dense_modulated_blocks, anigen::test::run_modulated_blocks)

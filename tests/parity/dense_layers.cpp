@@ -64,7 +64,7 @@ void run_absolute_position(Fixture& fixture) {
 
 nn::TimestepEmbedder embedder_of(const Fixture& fixture, std::int64_t channels, std::int64_t width) {
   nn::TimestepEmbedder embedder(channels, width);
-  nn::load_state_dict(*embedder, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(embedder, fixture);
   return embedder;
 }
 
@@ -104,6 +104,7 @@ void run_embed(Fixture& fixture) {
   fixture.check("unpatchify", nn::unpatchify(patches, patch));
   nn::VolumeNorm norm(dense.size(1));
   nn::default_norms(*norm);
+  norm->to(fixture.device());
   fixture.check("chan_ln", norm->forward(dense));
 }
 
@@ -115,9 +116,9 @@ void run_rope(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_dense_norms, anigen::test::run_norms)
-ANIGEN_PARITY(ops_dense_spatial, anigen::test::run_spatial)
-ANIGEN_PARITY(ops_dense_abs_pos_embed, anigen::test::run_absolute_position)
-ANIGEN_PARITY(ops_dense_timestep_embedder, anigen::test::run_timestep_embedder)
-ANIGEN_PARITY(ops_embed, anigen::test::run_embed)
+ANIGEN_DEVICE_PARITY(ops_dense_norms, anigen::test::run_norms)
+ANIGEN_DEVICE_PARITY(ops_dense_spatial, anigen::test::run_spatial)
+ANIGEN_DEVICE_PARITY(ops_dense_abs_pos_embed, anigen::test::run_absolute_position)
+ANIGEN_DEVICE_PARITY(ops_dense_timestep_embedder, anigen::test::run_timestep_embedder)
+ANIGEN_DEVICE_PARITY(ops_embed, anigen::test::run_embed)
 ANIGEN_PARITY(ops_dense_rope, anigen::test::run_rope)

@@ -4,6 +4,7 @@
 #include "anigen/nn/init.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/state_dict.h"
+#include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -20,7 +21,7 @@ vision::Dinov2Options options_of(const Fixture& fixture) {
 
 vision::Dinov2 model_of(const Fixture& fixture) {
   vision::Dinov2 model(options_of(fixture));
-  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(model, fixture);
   return model;
 }
 
@@ -115,8 +116,8 @@ void run_keys(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_dinov2_reg_518, anigen::test::run_native)
-ANIGEN_PARITY(ops_dinov2_reg_224, anigen::test::run_registers)
-ANIGEN_PARITY(ops_dinov2_plain_224, anigen::test::run_plain)
+ANIGEN_DEVICE_PARITY(ops_dinov2_reg_518, anigen::test::run_native)
+ANIGEN_DEVICE_PARITY(ops_dinov2_reg_224, anigen::test::run_registers)
+ANIGEN_DEVICE_PARITY(ops_dinov2_plain_224, anigen::test::run_plain)
 ANIGEN_PARITY(ops_dinov2_pos_interp, anigen::test::run_positions)
 ANIGEN_PARITY(ops_dinov2_state_dict_keys, anigen::test::run_keys)

@@ -25,4 +25,4 @@ void run_freq_pos_embed(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_dense_freq_pos_embed, anigen::test::run_freq_pos_embed)
+ANIGEN_DEVICE_PARITY(ops_dense_freq_pos_embed, anigen::test::run_freq_pos_embed)

@@ -31,8 +31,11 @@ bool same_shape(const Tensor& a, const Tensor& b) {
 
 }  // namespace
 
-Fixture::Fixture(std::filesystem::path folder, std::string name)
-    : folder_(std::move(folder)), name_(std::move(name)), json_(read_json(folder_ / (name_ + ".json"))) {}
+Fixture::Fixture(std::filesystem::path folder, std::string name, torch::Device device)
+    : folder_(std::move(folder)),
+      name_(std::move(name)),
+      device_(device),
+      json_(read_json(folder_ / (name_ + ".json"))) {}
 
 const io::NamedArrays& Fixture::tensors() const {
   if (tensors_read_) return tensors_;
@@ -54,7 +57,9 @@ const io::NdArray& Fixture::tensor(const std::string& key) const {
 
 bool Fixture::has_input(const std::string& name) const { return io::find(tensors(), "in." + name) != nullptr; }
 
-Tensor Fixture::input(const std::string& name) const { return nn::to_tensor(tensor("in." + name)); }
+Tensor Fixture::input(const std::string& name) const { return nn::to_device(host_input(name), device_); }
+
+Tensor Fixture::host_input(const std::string& name) const { return nn::to_tensor(tensor("in." + name)); }
 
 std::vector<Tensor> Fixture::inputs(const std::string& prefix) const {
   std::vector<Tensor> list;

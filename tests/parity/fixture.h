@@ -14,19 +14,21 @@ namespace anigen::test {
 /// so that a handler also passes on another folder of fixtures with other sizes.
 class Fixture {
  public:
-  /// Reads the JSON; tensors are read when first asked for.
-  Fixture(std::filesystem::path folder, std::string name);
+  /// Reads the JSON; tensors are read when first asked for. @param device where a handler computes
+  Fixture(std::filesystem::path folder, std::string name, torch::Device device = torch::kCPU);
 
   const std::string& name() const { return name_; }
   const std::filesystem::path& folder() const { return folder_; }
   const Json& json() const { return json_; }
   const Json& config() const { return json_.at("config"); }
+  torch::Device device() const { return device_; }
 
   bool has_input(const std::string& name) const;
-  torch::Tensor input(const std::string& name) const;  ///< `in.<name>`
+  torch::Tensor input(const std::string& name) const;       ///< `in.<name>`, on the device
+  torch::Tensor host_input(const std::string& name) const;  ///< as above, on the CPU
   /// `in.<prefix>.0`, `in.<prefix>.1`, … as many as there are
   std::vector<torch::Tensor> inputs(const std::string& prefix) const;
-  torch::Tensor expected(const std::string& name) const;  ///< `out.<name>`
+  torch::Tensor expected(const std::string& name) const;  ///< `out.<name>`, on the CPU
   std::vector<std::string> outputs() const;               ///< names of all expected outputs
   io::NamedArrays parameters() const;                     ///< `param.*` under their state-dict keys
 
@@ -51,6 +53,7 @@ class Fixture {
 
   std::filesystem::path folder_;
   std::string name_;
+  torch::Device device_;
   Json json_;
   mutable io::NamedArrays tensors_;
   mutable bool tensors_read_ = false;

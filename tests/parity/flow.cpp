@@ -82,4 +82,4 @@ void run_flow_losses(Fixture& fixture) {
 }  // namespace anigen::test
 
 ANIGEN_PARITY(ops_train_t_sampling, anigen::test::run_time_sampling)
-ANIGEN_PARITY(ops_train_flow_losses, anigen::test::run_flow_losses)
+ANIGEN_DEVICE_PARITY(ops_train_flow_losses, anigen::test::run_flow_losses)

@@ -5,6 +5,7 @@
 #include "anigen/nn/init.h"
 #include "anigen/nn/state_dict.h"
 #include "tests/parity/fixture.h"
+#include "tests/parity/parts.h"
 
 // Cases that the fixtures of the two flows share: sampling runs described by `config.cases`, and training steps.
 namespace anigen::test {
@@ -32,7 +33,7 @@ void check_training_step(Fixture& fixture, const torch::nn::Module& model, const
 template <typename Model, typename Options>
 Model loaded_flow(Fixture& fixture, const Json& arguments, const std::string& pointer) {
   Model model(Options::from_json(arguments, fixture.name() + ".json", pointer), nn::Init::kNone);
-  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(model, fixture);
   return model;
 }
 

@@ -54,4 +54,4 @@ void run_lpips(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_loss_lpips_vgg_formula, anigen::test::run_lpips)
+ANIGEN_DEVICE_PARITY(ops_loss_lpips_vgg_formula, anigen::test::run_lpips)

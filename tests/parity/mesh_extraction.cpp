@@ -42,7 +42,7 @@ shape_field::ExtractedMesh extracted(const Fixture& fixture, const Tensor& feats
 // Area and unit normal of every face. The normals of slivers are noise: those are not compared.
 void check_faces(Fixture& fixture, const shape_field::ExtractedMesh& mesh) {
   const auto corner = [&](std::int64_t k) { return mesh.vertices.detach().index_select(0, mesh.faces.select(1, k)); };
-  const Tensor normal = torch::cross(corner(1) - corner(0), corner(2) - corner(0), 1);
+  const Tensor normal = torch::cross(corner(1) - corner(0), corner(2) - corner(0), 1).to(torch::kCPU);
   const Tensor length = normal.norm(2, 1, /*keepdim=*/true);
   fixture.check("face_area", 0.5 * length.squeeze(1));
   const Tensor compared = fixture.expected("face_area").gt(1e-5).unsqueeze(1), wanted = fixture.expected("face_normal");
@@ -58,9 +58,11 @@ void check_training(Fixture& fixture, const shape_field::ExtractedMesh& mesh, co
   fixture.check("tsdf_v", mesh.field.positions());
   fixture.check("tsdf_s", mesh.field.sdf);
   // S of the fixture's description; means over nothing are left out.
-  const auto mean = [](const Tensor& x) { return x.defined() && x.numel() > 0 ? x.mean() : torch::zeros({}); };
+  const auto mean = [&](const Tensor& x) {
+    return x.defined() && x.numel() > 0 ? x.mean() : torch::zeros({}, feats.device());
+  };
   const auto mean_square = [&](const Tensor& x) { return x.defined() ? mean(x.square()) : torch::zeros({}); };
-  const Tensor tilt = torch::tensor({0.3f, -0.7f, 1.1f});
+  const Tensor tilt = nn::to_device(torch::tensor({0.3f, -0.7f, 1.1f}), feats.device());
   const Tensor sum = 10.0 * mesh.regularizer + mean(mesh.vertices.square().sum(1)) + mean(mesh.vertices * tilt) +
                      mean_square(mesh.field.sdf) + mean_square(mesh.attributes) + mean_square(mesh.skin_features);
   fixture.check("S", sum);
@@ -104,11 +106,11 @@ void run_mesh_skin_options(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(mesh_blobs_eval, anigen::test::run_mesh)
-ANIGEN_PARITY(mesh_blobs_train, anigen::test::run_mesh)
+ANIGEN_DEVICE_PARITY(mesh_blobs_eval, anigen::test::run_mesh)
+ANIGEN_DEVICE_PARITY(mesh_blobs_train, anigen::test::run_mesh)
 ANIGEN_PARITY(mesh_empty, anigen::test::run_mesh)
-ANIGEN_PARITY(mesh_nocolor_eval, anigen::test::run_mesh)
-ANIGEN_PARITY(mesh_noise_eval, anigen::test::run_mesh)
-ANIGEN_PARITY(mesh_sphere_eval, anigen::test::run_mesh)
-ANIGEN_PARITY(mesh_sphere_train, anigen::test::run_mesh)
-ANIGEN_PARITY(mesh_skin_options, anigen::test::run_mesh_skin_options)
+ANIGEN_DEVICE_PARITY(mesh_nocolor_eval, anigen::test::run_mesh)
+ANIGEN_DEVICE_PARITY(mesh_noise_eval, anigen::test::run_mesh)
+ANIGEN_DEVICE_PARITY(mesh_sphere_eval, anigen::test::run_mesh)
+ANIGEN_DEVICE_PARITY(mesh_sphere_train, anigen::test::run_mesh)
+ANIGEN_DEVICE_PARITY(mesh_skin_options, anigen::test::run_mesh_skin_options)

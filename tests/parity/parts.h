@@ -39,10 +39,18 @@ Options modulated_options(const Fixture& fixture, const std::string& part, const
   return options;
 }
 
-/// Fills a module with the parameters of a part; every key must match.
+/// Fills a module with the parameters of a part, on the fixture's device; every key must match.
 template <typename Module>
 void load_part(Module& module, const Fixture& fixture, const std::string& part) {
   nn::load_state_dict(*module, parameters_of(fixture, part), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  module->to(fixture.device());
+}
+
+/// As above, with all parameters of the fixture.
+template <typename Module>
+void load_whole(Module& module, const Fixture& fixture) {
+  nn::load_state_dict(*module, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  module->to(fixture.device());
 }
 
 }  // namespace anigen::test

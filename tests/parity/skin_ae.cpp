@@ -1,6 +1,7 @@
 // The skin auto-encoder: outputs, and gradients of the sum of squares of everything it returns.
 #include "anigen/nn/state_dict.h"
 #include "anigen/skin_field/skin_autoencoder.h"
+#include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -10,10 +11,10 @@ void run_skin_ae(Fixture& fixture) {
   const auto options =
       skin_field::SkinAutoEncoderOptions::from_json(fixture.config(), fixture.name() + ".json", "/config");
   skin_field::SkinAutoEncoder model(options, nn::Init::kNone);
-  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(model, fixture);
 
   const auto output = model->forward(fixture.inputs("joints"), fixture.inputs("parents"), fixture.inputs("skin"));
-  torch::Tensor sum = torch::zeros({1});
+  torch::Tensor sum = torch::zeros({1}, fixture.device());
   for (std::size_t i = 0; i < output.skin.size(); ++i) {
     const std::string item = "." + std::to_string(i);
     fixture.check("joint_embeds" + item, output.joint_embeds[i]);
@@ -34,4 +35,4 @@ void run_skin_ae(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(skin_ae, anigen::test::run_skin_ae)
+ANIGEN_DEVICE_PARITY(skin_ae, anigen::test::run_skin_ae)

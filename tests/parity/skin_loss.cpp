@@ -9,9 +9,9 @@ namespace {
 
 void run_skin_loss(Fixture& fixture) {
   fixture.check("probs", skin_field::face_probabilities(fixture.input("vertices"), fixture.input("faces")));
-  fixture.check("sampled_skin",
-                skin_field::interpolate_skin(fixture.input("skin"), fixture.input("faces"), fixture.input("face_draw"),
-                                             fixture.input("u"), fixture.input("v")));
+  fixture.check("sampled_skin", skin_field::interpolate_skin(fixture.host_input("skin"), fixture.host_input("faces"),
+                                                             fixture.host_input("face_draw"), fixture.host_input("u"),
+                                                             fixture.host_input("v")));
 
   std::vector<torch::Tensor> predicted, target, log_predicted;
   for (int i = 0; fixture.has_input("pred" + std::to_string(i)); ++i) {
@@ -43,4 +43,4 @@ void run_skin_loss(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_loss_skin_ae, anigen::test::run_skin_loss)
+ANIGEN_DEVICE_PARITY(ops_loss_skin_ae, anigen::test::run_skin_loss)

@@ -55,7 +55,7 @@ sparse::SparseAttention windowed_attention(const Fixture& fixture, std::int64_t 
   sparse::SparseAttentionOptions options = attention_options_of(fixture, parameters);
   options.scope = sparse::AttentionScope::of("windowed", fixture.config().at("window_size"), shift);
   sparse::SparseAttention attention(options);
-  nn::load_state_dict(*attention, parameters, nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(attention, fixture);
   return attention;
 }
 
@@ -78,14 +78,14 @@ void run_sparse_attention_windowed_self(Fixture& fixture) {
     const Tensor lengths = windows.offsets.diff();
     fixture.check("lens_" + shift.ending, lengths);
     const Tensor ordinals = torch::repeat_interleave(torch::arange(lengths.size(0)), lengths);
-    fixture.check("window_" + shift.ending, ordinals.index_select(0, windows.place));
+    fixture.check("window_" + shift.ending, ordinals.index_select(0, windows.place.host()));
   }
 }
 
 // 1 for rows in windows whose number no window of the context has.
 Tensor rows_without_keys(const sparse::WindowOrder& queries, const sparse::WindowOrder& keys) {
   const Tensor lonely = (queries.windows.unsqueeze(1) != keys.windows.unsqueeze(0)).all(1).to(torch::kInt32);
-  return torch::repeat_interleave(lonely, queries.offsets.diff()).index_select(0, queries.place);
+  return torch::repeat_interleave(lonely, queries.offsets.diff()).index_select(0, queries.place.host());
 }
 
 void run_sparse_attention_windowed_cross(Fixture& fixture) {
@@ -110,7 +110,7 @@ void run_sparse_attention_serialized(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_sparse_attn_full, anigen::test::run_sparse_attention_full)
-ANIGEN_PARITY(ops_sparse_attn_windowed_self, anigen::test::run_sparse_attention_windowed_self)
-ANIGEN_PARITY(ops_sparse_attn_windowed_cross, anigen::test::run_sparse_attention_windowed_cross)
+ANIGEN_DEVICE_PARITY(ops_sparse_attn_full, anigen::test::run_sparse_attention_full)
+ANIGEN_DEVICE_PARITY(ops_sparse_attn_windowed_self, anigen::test::run_sparse_attention_windowed_self)
+ANIGEN_DEVICE_PARITY(ops_sparse_attn_windowed_cross, anigen::test::run_sparse_attention_windowed_cross)
 ANIGEN_PARITY(ops_sparse_attn_serialized, anigen::test::run_sparse_attention_serialized)

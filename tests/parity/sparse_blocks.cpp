@@ -161,7 +161,7 @@ void run_sparse_block_fp16(Fixture& fixture) {
   options.qk_rms_norm = config.at("qk_rms_norm").get<bool>();
   options.scope = sparse::AttentionScope::of("windowed", config.at("window_size"), config.at("shift_window"));
   sparse::SparseTransformerBlock block(options);
-  nn::load_state_dict(*block, parameters, nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(block, fixture);
   const SparseTensor x = block_input(fixture, items_of_inputs(fixture, {"coords"}), "coords", "feats");
   fixture.check("y_fp32", block->forward(x).feats);
   const SparseTensor half = x.with(x.feats.to(torch::kHalf));
@@ -213,7 +213,7 @@ void run_sparse_modulated_blocks(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_window_attention, anigen::test::run_window_attention)
-ANIGEN_PARITY(ops_sparse_blocks, anigen::test::run_sparse_blocks)
+ANIGEN_DEVICE_PARITY(ops_window_attention, anigen::test::run_window_attention)
+ANIGEN_DEVICE_PARITY(ops_sparse_blocks, anigen::test::run_sparse_blocks)
 ANIGEN_PARITY(ops_sparse_block_fp16, anigen::test::run_sparse_block_fp16)
-ANIGEN_PARITY(ops_sparse_modulated_blocks, anigen::test::run_sparse_modulated_blocks)
+ANIGEN_DEVICE_PARITY(ops_sparse_modulated_blocks, anigen::test::run_sparse_modulated_blocks)

@@ -101,11 +101,11 @@ void run_sparse_down_up(Fixture& fixture) {
   const sparse::Coarsening& coarsening = x.support->coarsened(factor);
   fixture.check("down_coords", down.support->coords());
   fixture.check("down_feats", down.feats);
-  fixture.check("idx", coarsening.row);
-  fixture.check("count", coarsening.count);
+  fixture.check("idx", coarsening.row.host());
+  fixture.check("count", coarsening.count.host());
   fixture.check("up_coords", up.support->coords());
   fixture.check("up_feats", up.feats);
-  const Tensor members = coarsening.count.unsqueeze(1).to(torch::kFloat32);
+  const Tensor members = coarsening.count.on(fixture.device()).unsqueeze(1).to(torch::kFloat32);
   fixture.check("mean_over_members", down.feats * (members + 1) / members);
   const auto gradient = [&](const Tensor& y, const char* direction) {
     return torch::autograd::grad({y}, {x.feats}, {fixture.input(direction)}, /*retain_graph=*/true)[0];
@@ -120,7 +120,7 @@ void run_sparse_group_norm(Fixture& fixture) {
   x.feats.requires_grad_();
   sparse::SparseGroupNorm norm(config.at("num_channels").get<std::int64_t>(),
                                config.at("num_groups").get<std::int64_t>(), config.at("eps").get<double>());
-  nn::load_state_dict(*norm, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(norm, fixture);
   const Tensor y = norm->forward(x).feats;
   fixture.check("feats", y);
   const std::vector<Tensor> gradients =
@@ -179,10 +179,10 @@ void run_sparse_layer_norm(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_sparse, anigen::test::run_sparse_primitives)
-ANIGEN_PARITY(ops_sparse_conv3d, anigen::test::run_sparse_conv3d)
-ANIGEN_PARITY(ops_sparse_down_up, anigen::test::run_sparse_down_up)
-ANIGEN_PARITY(ops_sparse_groupnorm, anigen::test::run_sparse_group_norm)
+ANIGEN_DEVICE_PARITY(ops_sparse, anigen::test::run_sparse_primitives)
+ANIGEN_DEVICE_PARITY(ops_sparse_conv3d, anigen::test::run_sparse_conv3d)
+ANIGEN_DEVICE_PARITY(ops_sparse_down_up, anigen::test::run_sparse_down_up)
+ANIGEN_DEVICE_PARITY(ops_sparse_groupnorm, anigen::test::run_sparse_group_norm)
 ANIGEN_PARITY(ops_sparse_layout, anigen::test::run_sparse_layout)
-ANIGEN_PARITY(ops_sparse_subdivide, anigen::test::run_sparse_subdivide)
+ANIGEN_DEVICE_PARITY(ops_sparse_subdivide, anigen::test::run_sparse_subdivide)
 ANIGEN_PARITY(ops_sparse_layernorm_quirk, anigen::test::run_sparse_layer_norm)

@@ -5,6 +5,7 @@
 #include "anigen/sparse_structure/voxel_metrics.h"
 #include "anigen/train/stages/autoencoder_stage.h"
 #include "tests/parity/described_part.h"
+#include "tests/parity/parts.h"
 #include "tests/parity/registry.h"
 
 namespace anigen::test {
@@ -23,22 +24,22 @@ Model filled_coder(Fixture& fixture) {
     fixture.check_true(entry.key + " equals the stored table",
                        torch::allclose(entry.tensor, nn::to_tensor(*stored), 1e-5, 1e-5));
   }
-  nn::load_state_dict(*model, parameters, nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(model, fixture);
   return model;
 }
 
 // A volume given as such, or by the indices [n, 5] of its ones.
 Tensor occupancy_input(const Fixture& fixture, const std::string& dense, const std::string& sparse) {
   if (fixture.has_input(dense)) return fixture.input(dense);
-  const Tensor shape = fixture.input("shape").to(torch::kInt64);
+  const Tensor shape = fixture.host_input("shape").to(torch::kInt64);
   std::vector<std::int64_t> sizes(shape.data_ptr<std::int64_t>(), shape.data_ptr<std::int64_t>() + shape.numel());
   Tensor volume = torch::zeros(sizes);
-  Tensor flat = torch::zeros({fixture.input(sparse).size(0)}, torch::kInt64);
-  const Tensor indices = fixture.input(sparse).to(torch::kInt64);
+  const Tensor indices = fixture.host_input(sparse).to(torch::kInt64);
+  Tensor flat = torch::zeros({indices.size(0)}, torch::kInt64);
   for (std::int64_t axis = 0; axis < 5; ++axis)
     flat = flat * sizes[static_cast<std::size_t>(axis)] + indices.select(1, axis);
   volume.view({-1}).index_fill_(0, flat, 1.0);
-  return volume;
+  return nn::to_device(volume, fixture.device());
 }
 
 void run_ss_encoder(Fixture& fixture) {
@@ -142,7 +143,7 @@ void run_latent_denoising(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ss_encoder, anigen::test::run_ss_encoder)
-ANIGEN_PARITY(ss_decoder, anigen::test::run_ss_decoder)
-ANIGEN_PARITY(ops_loss_ss_vae, anigen::test::run_ss_loss)
-ANIGEN_PARITY(ops_train_latent_denoising, anigen::test::run_latent_denoising)
+ANIGEN_DEVICE_PARITY(ss_encoder, anigen::test::run_ss_encoder)
+ANIGEN_DEVICE_PARITY(ss_decoder, anigen::test::run_ss_decoder)
+ANIGEN_DEVICE_PARITY(ops_loss_ss_vae, anigen::test::run_ss_loss)
+ANIGEN_DEVICE_PARITY(ops_train_latent_denoising, anigen::test::run_latent_denoising)

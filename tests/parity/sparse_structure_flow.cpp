@@ -28,7 +28,7 @@ void run_ss_flow(Fixture& fixture) {
 
 flow::VelocityFunction velocity_under(SparseStructureFlow model, const Tensor& cond) {
   return [model, cond](const flow::Streams& x, float time) mutable {
-    const auto velocity = model->forward(x[0], x[1], torch::full({x[0].size(0)}, time), cond);
+    const auto velocity = model->forward(x[0], x[1], torch::full({x[0].size(0)}, time, x[0].options()), cond);
     return flow::Streams{velocity.shape, velocity.skeleton};
   };
 }
@@ -61,6 +61,6 @@ void run_train_ss_flow(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ss_flow, anigen::test::run_ss_flow)
-ANIGEN_PARITY(sampler_ss, anigen::test::run_sampler_ss)
-ANIGEN_PARITY(train_ss_flow, anigen::test::run_train_ss_flow)
+ANIGEN_DEVICE_PARITY(ss_flow, anigen::test::run_ss_flow)
+ANIGEN_DEVICE_PARITY(sampler_ss, anigen::test::run_sampler_ss)
+ANIGEN_DEVICE_PARITY(train_ss_flow, anigen::test::run_train_ss_flow)

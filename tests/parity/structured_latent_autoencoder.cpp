@@ -25,7 +25,7 @@ template <typename Model, typename Options>
 Model filled_latent_coder(Fixture& fixture) {
   Model model(Options::from_json(class_arguments(fixture.config()), fixture.name() + ".json", "/config"),
               nn::Init::kNone);
-  nn::load_state_dict(*model, fixture.parameters(), nn::LoadMode::kStrict, fixture.name() + ".safetensors");
+  load_whole(model, fixture);
   return model;
 }
 
@@ -138,5 +138,5 @@ void run_slat_decoder(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(slat_encoder, anigen::test::run_slat_encoder)
-ANIGEN_PARITY(slat_decoder, anigen::test::run_slat_decoder)
+ANIGEN_DEVICE_PARITY(slat_encoder, anigen::test::run_slat_encoder)
+ANIGEN_DEVICE_PARITY(slat_decoder, anigen::test::run_slat_decoder)

@@ -66,7 +66,7 @@ void run_sampler_slat(Fixture& fixture) {
   const Tensor cond = fixture.input("cond");
   const auto velocity_under = [&](const Tensor& tokens, const Tensor& joints_num) {
     return [=](const flow::Streams& state, float time) mutable {
-      const Tensor t = torch::full({x.support->items().items()}, time);
+      const Tensor t = torch::full({x.support->items().items()}, time, cond.device());
       const auto velocity = model->forward(x.with(state[0]), x_skl.with(state[1]), t, tokens, joints_num);
       return flow::Streams{velocity.x.feats, velocity.x_skl.feats};
     };
@@ -95,7 +95,7 @@ void run_train_slat_flow(Fixture& fixture) {
   const Tensor t = fixture.input("t");
   const auto noisy_voxels = [&](const std::string& suffix) {
     const SparseTensor x_0 = voxels_with(fixture, "coords" + suffix, "x_0" + suffix);
-    const Tensor times = t.index_select(0, x_0.support->coords().select(1, 0).to(torch::kInt64));
+    const Tensor times = t.index_select(0, x_0.support->items().item_of_rows(t.device()));
     return x_0.with(flow::noisy(x_0.feats, fixture.input("noise" + suffix), times, sigma_min));
   };
   const auto target = [&](const std::string& suffix) {
@@ -124,7 +124,7 @@ void run_geodesic_noise(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(slat_flow, anigen::test::run_slat_flow)
-ANIGEN_PARITY(sampler_slat, anigen::test::run_sampler_slat)
-ANIGEN_PARITY(train_slat_flow, anigen::test::run_train_slat_flow)
+ANIGEN_DEVICE_PARITY(slat_flow, anigen::test::run_slat_flow)
+ANIGEN_DEVICE_PARITY(sampler_slat, anigen::test::run_sampler_slat)
+ANIGEN_DEVICE_PARITY(train_slat_flow, anigen::test::run_train_slat_flow)
 ANIGEN_PARITY(ops_data_geodesic_noise, anigen::test::run_geodesic_noise)

@@ -211,6 +211,6 @@ void run_rig_loss(Fixture& fixture) {
 }  // namespace
 }  // namespace anigen::test
 
-ANIGEN_PARITY(ops_loss_image_terms, anigen::test::run_image_terms)
-ANIGEN_PARITY(ops_loss_slat_geometry, anigen::test::run_geometry_loss)
-ANIGEN_PARITY(ops_loss_slat_skeleton, anigen::test::run_rig_loss)
+ANIGEN_DEVICE_PARITY(ops_loss_image_terms, anigen::test::run_image_terms)
+ANIGEN_DEVICE_PARITY(ops_loss_slat_geometry, anigen::test::run_geometry_loss)
+ANIGEN_DEVICE_PARITY(ops_loss_slat_skeleton, anigen::test::run_rig_loss)

@@ -265,11 +265,11 @@ TEST(WindowRows, ThereAndBackWithGradient) {
   const WindowOrder& windows = x.support->windows(4, 1);
   x.feats.requires_grad_();
   const Tensor sorted = to_window_order(x.feats, windows);
-  EXPECT_TRUE(torch::equal(sorted, x.feats.index_select(0, windows.order)));
+  EXPECT_TRUE(torch::equal(sorted, x.feats.index_select(0, windows.order.host())));
   EXPECT_TRUE(torch::equal(from_window_order(sorted, windows), x.feats));
   const Tensor direction = torch::randn({60, 3}, torch::kFloat64);
   const Tensor gradient = torch::autograd::grad({sorted}, {x.feats}, {direction})[0];
-  EXPECT_TRUE(torch::equal(gradient.index_select(0, windows.order), direction));
+  EXPECT_TRUE(torch::equal(gradient.index_select(0, windows.order.host()), direction));
 }
 
 }  // namespace

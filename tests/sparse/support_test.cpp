@@ -147,12 +147,13 @@ TEST(Support, WindowsAgreeWithBruteForce) {
       const auto count = static_cast<std::int64_t>(members.size()),
                  first = windows.offsets[window].item<std::int64_t>();
       ASSERT_EQ(windows.offsets[window + 1].item<std::int64_t>(), first + count);
-      EXPECT_TRUE(torch::equal(windows.order.narrow(0, first, count), torch::tensor(members, torch::kInt64)));
+      EXPECT_TRUE(torch::equal(windows.order.host().narrow(0, first, count), torch::tensor(members, torch::kInt64)));
       longest = std::max(longest, count);
       ++window;
     }
     EXPECT_EQ(windows.longest, longest);
-    EXPECT_TRUE(torch::equal(windows.order.index_select(0, windows.place), torch::arange(support->size())));
+    EXPECT_TRUE(
+        torch::equal(windows.order.host().index_select(0, windows.place.host()), torch::arange(support->size())));
   }
 }
 
@@ -189,13 +190,13 @@ TEST(Support, CoarseVoxelsAreSortedAndCounted) {
     EXPECT_EQ(coarse.support->items().items(), 3);
     std::vector<std::int64_t> count(places.size(), 0);
     for (std::size_t row = 0; row < fine.size(); ++row) {
-      const auto at = static_cast<std::size_t>(coarse.row[static_cast<std::int64_t>(row)].item<std::int64_t>());
+      const auto at = static_cast<std::size_t>(coarse.row.host()[static_cast<std::int64_t>(row)].item<std::int64_t>());
       Place wanted = fine[row];
       for (std::size_t axis = 1; axis < 4; ++axis) wanted[axis] /= factor.axes[axis - 1];
       EXPECT_EQ(places.at(at), wanted);
       ++count[at];
     }
-    EXPECT_TRUE(torch::equal(coarse.count, torch::tensor(count, torch::kInt64)));
+    EXPECT_TRUE(torch::equal(coarse.count.host(), torch::tensor(count, torch::kInt64)));
   }
   EXPECT_THROW(support->coarsened(0), InputError);
   EXPECT_THROW(support->coarsened({2, 2, 0}), InputError);

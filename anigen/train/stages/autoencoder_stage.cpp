@@ -33,7 +33,7 @@ Tensor mix_latent_noise(const Tensor& z, const Tensor& noise, const Tensor& time
 }
 
 Tensor normal_draws(torch::IntArrayRef shape, const at::Generator& generator, torch::Device device) {
-  return torch::randn(shape, generator, torch::TensorOptions(torch::kFloat32)).to(device);
+  return nn::to_device(torch::randn(shape, generator, torch::TensorOptions(torch::kFloat32)), device);
 }
 
 data::Datasets autoencoder_datasets(ConfigReader& top, const char* class_name, std::uint64_t seed) {

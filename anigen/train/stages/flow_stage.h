@@ -45,7 +45,7 @@ std::optional<nn::RunModel> samples_decoder(const std::string& path, const std::
                                             const TrainerOptions& trainer);
 
 /// Logs the means of per-item errors over the tenths of the time axis that a micro-batch has items in, as
-/// "bin_0.<name>" … "bin_9.<name>"; an empty tenth has no mean. @param errors, t [B]
+/// "bin_0.<name>" … "bin_9.<name>"; an empty tenth has no mean. @param errors [B] @param t [B], CPU
 void add_time_bins(Losses& losses, const std::string& name, const torch::Tensor& errors, const torch::Tensor& t);
 
 /// Frame of the stages of both flows: one flow model, perhaps with an encoder of condition pictures that is trained

@@ -92,7 +92,7 @@ Losses SparseStructureAutoEncoderStage::losses(const data::Batch& batch, const L
     Tensor reconstruction, kl;  // kl undefined where the latent gets noise
   };
   const auto stream = [&](bool skeleton) {
-    const Tensor occupancy = (skeleton ? grids.ss_skl : grids.ss).to(device_);
+    const Tensor occupancy = nn::to_device(skeleton ? grids.ss_skl : grids.ss, device_);
     const std::int64_t items = occupancy.size(0);
     const bool deterministic = skeleton ? coders_.encoder.latent_denoising_skl : coders_.encoder.latent_denoising;
     const LatentDenoising& noise = skeleton ? options_.noise_skl : options_.noise;
@@ -105,8 +105,8 @@ Losses SparseStructureAutoEncoderStage::losses(const data::Batch& batch, const L
     StreamLoss loss;
     Tensor z = latent.z;
     if (noise.enabled) {  // z_t = (1 − t) z + t γ ε
-      const Tensor u = torch::rand({items}, generator, torch::TensorOptions(torch::kFloat32)).to(device_);
-      const Tensor t = latent_times(u, noise.time_max_at(context.step));
+      const Tensor u = torch::rand({items}, generator, torch::TensorOptions(torch::kFloat32));
+      const Tensor t = nn::to_device(latent_times(u, noise.time_max_at(context.step)), device_);
       z = mix_latent_noise(z, normal_draws(z.sizes(), generator, device_), t, noise.gamma);
     } else {  // KL(N(μ, σ²) ‖ N(0, 1))
       loss.kl = sparse_structure::posterior_kl(latent.mean, latent.logvar);

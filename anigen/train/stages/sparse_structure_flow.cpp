@@ -37,7 +37,7 @@ class SparseStructureFlowStage final
   // Given shapes stay x_0 and count for nothing. @param given [B] bool; undefined: none
   ItemErrors errors(const StructureLatentBatch& latents, const Tensor& t, const flow::Streams& noise,
                     const Tensor& condition, const Tensor& given) {
-    const Tensor times = t.to(parts_.device), e = placed(noise[0]), e_skl = placed(noise[1]);
+    const Tensor times = nn::to_device(t, parts_.device), e = placed(noise[0]), e_skl = placed(noise[1]);
     const Tensor x_0 = placed(latents.x_0), x_0_skl = placed(latents.x_0_skl);
     const double sigma = options_.sigma_min;
     Tensor x_t = flow::noisy(x_0, e, times, sigma);
@@ -57,7 +57,7 @@ class SparseStructureFlowStage final
   sparse_structure::SparseStructureDecoderImpl::Logits decoded(const Tensor& z, const Tensor& z_skl) {
     const data::StructureLatentOptions& reading = parts_.data->options();
     const auto latent = [&](const Tensor& x, const data::ChannelStatistics& statistics) {
-      return data::denormalised(x.to(parts_.device, torch::kFloat32), statistics);
+      return data::denormalised(nn::to_device(x, parts_.device).to(torch::kFloat32), statistics);
     };
     return parts_.decoder->forward(latent(z, reading.normalization), latent(z_skl, reading.normalization_skl));
   }
@@ -73,7 +73,7 @@ class SparseStructureFlowStage final
                    const Tensor& given) {
     const Tensor late = (t >= options_.dice_time).nonzero().squeeze(1);
     if (late.numel() == 0) return {};
-    const auto rows = [&](const Tensor& x) { return x.index_select(0, late.to(x.device())); };
+    const auto rows = [&](const Tensor& x) { return x.index_select(0, nn::to_device(late, x.device())); };
     sparse_structure::SparseStructureDecoderImpl::Logits own;
     {
       const torch::NoGradGuard no_grad;
@@ -115,9 +115,8 @@ class SparseStructureFlowStage final
         losses.terms.emplace_back("dice", dice);
       }
     }
-    const Tensor times = t.to(found.shape.device());
-    add_time_bins(losses, "mse", found.shape, times);
-    if (!shape_alone()) add_time_bins(losses, "mse_skl", found.skeleton, times);
+    add_time_bins(losses, "mse", found.shape, t);
+    if (!shape_alone()) add_time_bins(losses, "mse_skl", found.skeleton, t);
     return losses;
   }
 

@@ -36,7 +36,8 @@ std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRe
 std::vector<torch::Tensor> on_device(const std::vector<torch::Tensor>& tensors, torch::Device device,
                                      std::optional<torch::Dtype> dtype) {
   std::vector<torch::Tensor> there;
-  for (const torch::Tensor& tensor : tensors) there.push_back(tensor.to(device, dtype.value_or(tensor.scalar_type())));
+  for (const torch::Tensor& tensor : tensors)
+    there.push_back(nn::to_device(tensor, device).to(dtype.value_or(tensor.scalar_type())));
   return there;
 }
 

@@ -179,7 +179,7 @@ class StructuredLatentFlowStage final
       return sparse.with(placed(sparse.feats));
     };
     Latents latents{voxels(batch.x_0), voxels(batch.x_0_skl), Tensor()};
-    if (options_.use_joint_num_cond) latents.joints_num = batch.joints_num.to(parts_.device);
+    if (options_.use_joint_num_cond) latents.joints_num = nn::to_device(batch.joints_num, parts_.device);
     return latents;
   }
 

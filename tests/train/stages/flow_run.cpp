@@ -11,9 +11,9 @@
 #include "anigen/core/table.h"
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/state_dict.h"
-#include "anigen/train/stages/stages.h"
 #include "anigen/train/train_command.h"
 #include "tests/train/distributed/rank_outcomes.h"
+#include "tests/train/stages/stage_of_config.h"
 
 namespace anigen::test {
 
@@ -30,15 +30,7 @@ train::TrainCommand FlowRun::command(const std::string& output, std::vector<std:
 }
 
 std::unique_ptr<Stage> FlowRun::fresh_stage(const std::vector<std::string>& overrides) {
-  Json config = parse_json(config_, "test");
-  apply_overrides(config, overrides);
-  config["dataset"]["args"]["data_dir"] = sample_.root().string();
-  const Json trainer = config.at("trainer");
-  ConfigReader args(trainer.at("args"), "test", "/trainer/args");
-  const train::TrainerOptions options = train::TrainerOptions::read(args);
-  auto made = train::make_stage(trainer.at("name").get<std::string>(), {config, "test", args, options, torch::kCPU});
-  args.finish();
-  return made;
+  return stage_of_config(config_, sample_.root(), overrides);
 }
 
 train::TrainerOptions FlowRun::trainer_options(const std::vector<std::string>& overrides) const {
@@ -50,11 +42,7 @@ train::TrainerOptions FlowRun::trainer_options(const std::vector<std::string>& o
 
 std::unique_ptr<Stage> FlowRun::stage(const std::vector<std::string>& overrides) {
   auto made = fresh_stage(overrides);
-  const torch::NoGradGuard no_grad;
-  torch::manual_seed(11);
-  for (const nn::NamedModel& model : made->models()) {
-    for (torch::Tensor parameter : model.module->parameters()) parameter.normal_(0.0, 0.2);
-  }
+  draw_weights(*made);
   return made;
 }
 

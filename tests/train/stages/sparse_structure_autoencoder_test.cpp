@@ -21,24 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kBallConfig[] = R"({
-  "models": {
-    "encoder": {"name": "AniGenSparseStructureEncoder", "args": {
-      "latent_channels": 4, "latent_channels_skl": 3, "num_res_blocks": 1, "num_res_blocks_middle": 0,
-      "channels": [4, 8], "encode_global_skl": false, "use_pretrain_branch": false}},
-    "decoder": {"name": "AniGenSparseStructureDecoder", "args": {
-      "latent_channels": 4, "latent_channels_skl": 3, "num_res_blocks": 1, "num_res_blocks_middle": 0,
-      "channels": [8, 4], "encode_global_skl": false, "use_pretrain_branch": false, "normalize_z_skl": false}}},
-  "dataset": {"name": "AniGenSparseStructure", "args": {
-    "resolution": 16, "skl_dilation_iter": 1, "eval_split": "splits/test.txt"}},
-  "trainer": {"name": "AniGenSparseStructureVaeTrainer", "args": {
-    "max_steps": 8, "batch_size": 4, "batch_split": 2, "seed": 5,
-    "optimizer": {"name": "AdamW", "args": {"lr": 0.01}},
-    "grad_clip": {"name": "AdaptiveGradClipper", "args": {"max_norm": 1.0, "buffer_size": 4}},
-    "ema_rate": [0.9], "fp16_mode": "none", "i_log": 1, "i_print": 0, "i_save": 3, "i_eval": 4, "i_sample": 0,
-    "loss_type": "dice", "latent_denoising_skl": true, "latent_time_max_skl": 0.25,
-    "latent_achive_max_step_skl": 4}}})";
-
 // Freezes the shape stream, as published.
 const std::vector<std::string> kFrozen = {"models.encoder.args.use_pretrain_branch=true",
                                           "models.decoder.args.use_pretrain_branch=true"};
@@ -47,7 +29,7 @@ class BallRun : public ::testing::Test {
  protected:
   void SetUp() override {
     test::write_ball_dataset(folder_ / "data", 8);
-    std::ofstream(folder_ / "config.json") << kBallConfig;
+    std::ofstream(folder_ / "config.json") << test::kBallConfig;
   }
   TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
     return test::train_command(folder_, output, std::move(overrides));
@@ -55,7 +37,7 @@ class BallRun : public ::testing::Test {
   // A fresh encoder and decoder under the names of pretrained files.
   void write_pretrained() {
     torch::manual_seed(77);
-    const Json config = Json::parse(kBallConfig);
+    const Json config = Json::parse(test::kBallConfig);
     const auto args = [&](const char* model) { return config["models"][model]["args"]; };
     sparse_structure::SparseStructureEncoder encoder(
         sparse_structure::SparseStructureEncoderOptions::from_json(args("encoder")));
@@ -290,7 +272,7 @@ TEST_F(BallRun, BadConfigsNameTheKey) {
 }
 
 TEST_F(BallRun, DrawsDependOnTheContextAndOnNothingElse) {
-  const Json config = Json::parse(kBallConfig);
+  const Json config = Json::parse(test::kBallConfig);
   SparseStructureCoders coders;
   coders.encoder = sparse_structure::SparseStructureEncoderOptions::from_json(config["models"]["encoder"]["args"]);
   coders.decoder = sparse_structure::SparseStructureDecoderOptions::from_json(config["models"]["decoder"]["args"]);

@@ -10,6 +10,25 @@
 
 namespace anigen::test {
 
+/// Stage 2, small, on write_ball_dataset(): 8 steps of 4 items in 2 micro-batches.
+inline constexpr char kBallConfig[] = R"({
+  "models": {
+    "encoder": {"name": "AniGenSparseStructureEncoder", "args": {
+      "latent_channels": 4, "latent_channels_skl": 3, "num_res_blocks": 1, "num_res_blocks_middle": 0,
+      "channels": [4, 8], "encode_global_skl": false, "use_pretrain_branch": false}},
+    "decoder": {"name": "AniGenSparseStructureDecoder", "args": {
+      "latent_channels": 4, "latent_channels_skl": 3, "num_res_blocks": 1, "num_res_blocks_middle": 0,
+      "channels": [8, 4], "encode_global_skl": false, "use_pretrain_branch": false, "normalize_z_skl": false}}},
+  "dataset": {"name": "AniGenSparseStructure", "args": {
+    "resolution": 16, "skl_dilation_iter": 1, "eval_split": "splits/test.txt"}},
+  "trainer": {"name": "AniGenSparseStructureVaeTrainer", "args": {
+    "max_steps": 8, "batch_size": 4, "batch_split": 2, "seed": 5,
+    "optimizer": {"name": "AdamW", "args": {"lr": 0.01}},
+    "grad_clip": {"name": "AdaptiveGradClipper", "args": {"max_norm": 1.0, "buffer_size": 4}},
+    "ema_rate": [0.9], "fp16_mode": "none", "i_log": 1, "i_print": 0, "i_save": 3, "i_eval": 4, "i_sample": 0,
+    "loss_type": "dice", "latent_denoising_skl": true, "latent_time_max_skl": 0.25,
+    "latent_achive_max_step_skl": 4}}})";
+
 /// A dataset of occupancy in the published layout, to be read at resolution 16: ball0, ball1, … are spheres of growing
 /// radius whose skeleton is a rod through the centre. splits/test.txt holds the last two.
 inline void write_ball_dataset(const std::filesystem::path& root, int count) {

@@ -9,6 +9,7 @@
 #include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/sparse_structure/autoencoder.h"
+#include "tests/train/stages/flow_configs.h"
 #include "tests/train/stages/flow_run.h"
 
 namespace anigen::train {
@@ -16,25 +17,9 @@ namespace {
 
 using torch::Tensor;
 
-constexpr char kFlowConfig[] = R"({
-  "models": {"denoiser": {"name": "AniGenSparseStructureFlowModel", "args": {
-    "resolution": 2, "in_channels": 8, "in_channels_skl": 4, "out_channels": 8, "out_channels_skl": 4,
-    "model_channels": 16, "model_channels_skl": 16, "cond_channels": 12, "num_blocks": 2, "num_heads": 2,
-    "mlp_ratio": 2, "patch_size": 1, "qk_rms_norm": true, "use_pretrain_branch": false}}},
-  "dataset": {"name": "ImageConditionedAniGenSparseStructureLatent", "args": {
-    "latent_model": "ss", "image_size": 8, "eval_split": "held_out.txt"}},
-  "trainer": {"name": "AniGenImageConditionedFlowMatchingCFGTrainer", "args": {
-    "max_steps": 12, "batch_size": 4, "batch_split": 2, "seed": 5,
-    "optimizer": {"name": "AdamW", "args": {"lr": 0.003}}, "ema_rate": [0.9], "fp16_mode": "none",
-    "i_log": 4, "i_print": 0, "i_save": 4, "i_eval": 6, "i_sample": 0, "p_uncond": 0.25,
-    "t_schedule": {"name": "logitNormal", "args": {"mean": 1.0, "std": 1.0}},
-    "sampler": {"steps": 2}, "sample_assets": 1,
-    "image_encoder": {"name": "patch", "image_size": 8, "patch_size": 4, "width": 16, "num_blocks": 1,
-                      "num_heads": 2}}}})";
-
 class StructureFlow : public test::FlowRun {
  protected:
-  StructureFlow() : FlowRun(kFlowConfig) {}
+  StructureFlow() : FlowRun(test::kStructureFlowConfig) {}
 
   // A run of stage 2 with random weights: ss_run.
   void write_decoder() const {
@@ -187,7 +172,7 @@ TEST_F(StructureFlow, WithoutPicturesItLearnsTheDistribution) {
   const std::vector<std::string> overrides{
       "trainer.name=AniGenFlowMatchingTrainer",
       R"(dataset={"name": "AniGenSparseStructureLatent", "args": {"latent_model": "ss"}})"};
-  Json config = parse_json(kFlowConfig, "test");
+  Json config = parse_json(test::kStructureFlowConfig, "test");
   config["trainer"]["args"].erase("image_encoder");
   config["trainer"]["args"]["i_eval"] = 0;
   write_file_atomically(folder_ / "config.json", config.dump());
