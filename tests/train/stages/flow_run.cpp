@@ -17,7 +17,6 @@
 
 namespace anigen::test {
 
-using nn::NamedModel;
 using train::Stage;
 
 FlowRun::FlowRun(std::string config) : config_(std::move(config)) {
