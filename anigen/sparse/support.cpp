@@ -243,7 +243,7 @@ const nn::Ragged& Support::items() const { return items_; }
 
 Tensor Support::places_on(torch::Device device) const {
   const std::lock_guard<std::mutex> lock(derived_->mutex);
-  if (!derived_->places.defined()) derived_->places = nn::HostTensor(coords_.slice(1, 1));
+  if (!derived_->places.defined()) derived_->places = nn::HostTensor(coords_.slice(1, 1).contiguous());
   return derived_->places.on(device);
 }
 

@@ -48,7 +48,7 @@ FieldRows averaged_corners(const Tensor& coords, const Tensor& raw, const Skelet
     per_corner.push_back(part.reshape({raw.size(0), kCubeCorners, part.size(1) / kCubeCorners}));
   }
   shape_field::CubeCorners corners;
-  corners.coords = coords.to(raw.device());
+  corners.coords = nn::to_device(coords.contiguous(), raw.device());
   corners.attributes = torch::cat(per_corner, 2);
   // There is no surface here: the parts of the field that make one stay empty.
   corners.sdf = raw.new_zeros({raw.size(0), kCubeCorners});
@@ -61,8 +61,8 @@ FieldRows averaged_corners(const Tensor& coords, const Tensor& raw, const Skelet
 skeleton_field::SkeletonField activated(const FieldRows& rows, const SkeletonHeadLayout& layout) {
   const std::vector<Tensor> parts = rows.values.split_with_sizes(field_widths(layout), 1);
   skeleton_field::SkeletonField field;
-  field.positions =
-      (rows.places.to(rows.values.device(), torch::kFloat32) + 0.5) / static_cast<double>(layout.resolution) - 0.5;
+  const Tensor places = nn::to_device(rows.places.contiguous(), rows.values.device()).to(torch::kFloat32);
+  field.positions = (places + 0.5) / static_cast<double>(layout.resolution) - 0.5;
   const Tensor origin = field.positions.to(rows.values.scalar_type());
   field.joints = layout.residual ? parts[0] + origin : parts[0];
   field.parents = layout.residual ? parts[1] + origin : parts[1];

@@ -180,7 +180,7 @@ Tensor color_tensor(const io::Image& image) {
 Tensor image_condition(Dinov2& model, const Tensor& images) {
   const torch::NoGradGuard no_grad;
   const Tensor any_weight = model->parameters().front();
-  const Tensor here = images.to(any_weight.device(), nn::dtype_of(any_weight));
+  const Tensor here = nn::to_device(images, any_weight.device()).to(nn::dtype_of(any_weight));
   const Tensor tokens = model->tokens_after(imagenet_normalized(here), model->options().depth);
   return nn::layer_norm(tokens, kConditionEps);
 }

@@ -331,7 +331,8 @@ Dinov2Tokens Dinov2Impl::forward(const Tensor& images) {
 
 Tensor imagenet_normalized(const Tensor& images) {
   const auto per_channel = [&](const std::vector<double>& values) {
-    return torch::tensor(values, images.options()).view({3, 1, 1});
+    const Tensor host = torch::tensor(values, torch::TensorOptions(images.scalar_type()));
+    return nn::to_device(host, images.device()).view({3, 1, 1});
   };
   return (images - per_channel({0.485, 0.456, 0.406})) / per_channel({0.229, 0.224, 0.225});
 }

@@ -100,7 +100,8 @@ void count_operator(const c10::OperatorHandle& op, const std::vector<IValue>& gi
 void refuse_host_tensor(const c10::OperatorHandle& op, const Tensor& tensor) {
   const std::string& name = op.schema().name();
   if (!tensor.defined() || is_ours(tensor) || tensor.dim() == 0) return;
-  if (name == "aten::index" || name.rfind("aten::index_put", 0) == 0 || name == "aten::_index_put_impl_") return;
+  if (name == "aten::index" || name.rfind("aten::index_put", 0) == 0 || name == "aten::_index_put_impl_")
+    return count_upload(/*non_blocking=*/false);
   TORCH_CHECK(false, name, " of tensors of a device and of the host");
 }
 

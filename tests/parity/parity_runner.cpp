@@ -112,6 +112,10 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: parity_runner [--device cuda|counting] <fixture>...\n");
     return 2;
   }
+  if (device_name != "cpu" && device_name != "cuda" && device_name != "counting") {
+    std::fprintf(stderr, "no device %s: cpu, cuda or counting\n", device_name.c_str());
+    return 2;
+  }
   const std::optional<torch::Device> device = device_named(device_name);
   if (!device) {
     std::printf("skipped: there is no device %s\n", device_name.c_str());
