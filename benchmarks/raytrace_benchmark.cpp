@@ -1,6 +1,7 @@
 // Primary rays per second of the view renderer, on the camera of a published view of an object of 40,000 triangles,
 // beside Embree alone on the very same rays: rtcIntersect1 as renderers commonly call it, and rtcIntersect16, the
-// fastest it offers for rays that start together. Ratios are printed at the end; compare only figures of one run.
+// fastest it offers for rays that start together; and the plain tree of lean builds. Ratios are printed at the end;
+// compare only figures of one run.
 //   benchmark_raytrace [FILE.glb] [--benchmark_… options]
 #include <benchmark/benchmark.h>
 
@@ -14,6 +15,7 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/embree.h"
+#include "anigen/geometry/triangle_tree.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/render/dataset_views.h"
 #include "benchmarks/ratio_reporter.h"
@@ -123,6 +125,14 @@ void bare_packets(RTCScene scene, const Eigen::Vector3f& eye, const std::vector<
   });
 }
 
+void plain_single(const anigen::geometry::PlainTree& tree, const Eigen::Vector3f& eye,
+                  const std::vector<Eigen::Vector3f>& rays) {
+  anigen::parallel_for(rays.size() / kBlock, [&](std::size_t block) {
+    for (std::size_t i = block * kBlock; i < (block + 1) * kBlock; ++i)
+      benchmark::DoNotOptimize(tree.first_hit({eye, rays[i]}));
+  });
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -136,7 +146,8 @@ int main(int argc, char** argv) {
   const Camera camera = anigen::render::view_camera(frame, kSize);
   const Eigen::Vector3f eye = camera.eye.cast<float>();
   const std::vector<Eigen::Vector3f> rays = view_rays(camera);
-  const anigen::geometry::EmbreeMesh tree(asset.mesh.vertices, asset.mesh.faces);
+  const anigen::geometry::EmbreeTree tree(asset.mesh.vertices, asset.mesh.faces);
+  const anigen::geometry::PlainTree plain(asset.mesh.vertices, asset.mesh.faces);
   const Scene scene(asset);
   const anigen::render::ViewRenderer renderer(scene);
   ViewOptions geometry;
@@ -158,6 +169,7 @@ int main(int argc, char** argv) {
   for (const int threads : {1, 2}) {
     add("embree_1", threads, count, [&] { bare_single(tree.scene(), eye, rays); });
     add("embree_16", threads, count, [&] { bare_packets(tree.scene(), eye, rays); });
+    add("plain", threads, count, [&] { plain_single(plain, eye, rays); });
     add("depth_normal_mask", threads, count, [&] { benchmark::DoNotOptimize(renderer.render(frame, geometry)); });
     add("color_no_shadows", threads, count, [&] { benchmark::DoNotOptimize(renderer.render(frame, unshadowed)); });
     add("color", threads, count, [&] { benchmark::DoNotOptimize(renderer.render(frame, color)); });
@@ -170,6 +182,7 @@ int main(int argc, char** argv) {
   std::printf("\nRatios of primary rays per second (fastest of the repetitions):\n");
   for (const std::string threads : {"/1", "/2"}) {
     const std::string end = threads == "/1" ? ", 1 thread" : ", 2 threads";
+    reporter.print_ratio("the plain tree over bare rtcIntersect1" + end, "plain" + threads, "embree_1" + threads);
     reporter.print_ratio("depth, normal, mask over bare rtcIntersect1" + end, "depth_normal_mask" + threads,
                          "embree_1" + threads);
     reporter.print_ratio("depth, normal, mask over bare rtcIntersect16" + end, "depth_normal_mask" + threads,

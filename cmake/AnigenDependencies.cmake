@@ -2,14 +2,38 @@
 find_package(Threads REQUIRED)
 find_package(Eigen3 REQUIRED NO_MODULE)
 find_package(nlohmann_json REQUIRED)
-find_package(spdlog REQUIRED)
-find_package(TBB REQUIRED)
 find_package(CLI11 REQUIRED)
-find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs videoio dnn)
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(LIBZIP REQUIRED IMPORTED_TARGET libzip)
-pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp)
 find_package(ZLIB REQUIRED)
+find_path(NANOFLANN_INCLUDE_DIR nanoflann.hpp REQUIRED)
+find_path(LEMON_INCLUDE_DIR lemon/network_simplex.h REQUIRED)
+
+# stb: pictures of a lean build, which all builds compile and test.
+find_path(STB_INCLUDE_DIR stb/stb_image.h REQUIRED)
+
+# A lean build takes these two from their headers.
+add_library(anigen_spdlog INTERFACE)
+add_library(anigen_lemon INTERFACE)
+target_include_directories(anigen_lemon INTERFACE ${LEMON_INCLUDE_DIR})
+if(ANIGEN_LEAN)
+  find_path(SPDLOG_INCLUDE_DIR spdlog/spdlog.h REQUIRED)
+  target_include_directories(anigen_spdlog INTERFACE ${SPDLOG_INCLUDE_DIR})
+  target_compile_definitions(anigen_spdlog INTERFACE FMT_HEADER_ONLY)
+  target_compile_definitions(anigen_lemon INTERFACE LEMON_ONLY_TEMPLATES)
+  if(ANIGEN_WITH_TORCH)
+    include(AnigenTorch)
+  endif()
+  return()
+endif()
+
+find_package(spdlog REQUIRED)
+target_link_libraries(anigen_spdlog INTERFACE spdlog::spdlog)
+find_library(LEMON_LIBRARY lemon REQUIRED)  # it holds LEMON's constants
+target_link_libraries(anigen_lemon INTERFACE ${LEMON_LIBRARY})
+find_package(TBB REQUIRED)
+find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs videoio dnn)
+pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp)
 
 # Embree 4 (Debian 13) and Embree 3 (Debian 12) differ in header folder and in a few signatures.
 find_package(embree 4 QUIET)
@@ -20,18 +44,11 @@ else()
   set(ANIGEN_EMBREE_VERSION 3)
 endif()
 
-# tinygltf, Draco, meshoptimizer and nanoflann: headers and libraries without reliable CMake configurations in Debian 12.
-find_path(TINYGLTF_INCLUDE_DIR tiny_gltf.h REQUIRED)
-find_library(TINYGLTF_LIBRARY tinygltf REQUIRED)
+# Draco and meshoptimizer: headers and libraries without reliable CMake configurations in Debian 12.
 find_path(DRACO_INCLUDE_DIR draco/compression/decode.h REQUIRED)
 find_library(DRACO_LIBRARY draco REQUIRED)
-find_path(NANOFLANN_INCLUDE_DIR nanoflann.hpp REQUIRED)
 find_path(MESHOPTIMIZER_INCLUDE_DIR meshoptimizer.h REQUIRED)
 find_library(MESHOPTIMIZER_LIBRARY meshoptimizer REQUIRED)
-
-# LEMON: its network simplex is used from the headers, but the library holds LEMON's constants.
-find_path(LEMON_INCLUDE_DIR lemon/network_simplex.h REQUIRED)
-find_library(LEMON_LIBRARY lemon REQUIRED)
 
 # cpp-httplib, a compiled library in Debian: only anigen/studio.
 pkg_check_modules(HTTPLIB IMPORTED_TARGET cpp-httplib)
@@ -70,6 +87,11 @@ if(ANIGEN_WITH_PYTHON AND NOT ANIGEN_SANITIZE)
   endif()
 endif()
 
+# tinygltf: the second reader of the tests, and what a benchmark compares with.
+if(ANIGEN_BUILD_TESTS OR ANIGEN_BUILD_BENCHMARKS)
+  find_path(TINYGLTF_INCLUDE_DIR tiny_gltf.h REQUIRED)
+  find_library(TINYGLTF_LIBRARY tinygltf REQUIRED)
+endif()
 if(ANIGEN_BUILD_TESTS)
   find_package(GTest REQUIRED)
 endif()

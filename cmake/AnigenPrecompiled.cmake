@@ -21,7 +21,7 @@ set(ANIGEN_STANDARD_HEADERS <algorithm> <array> <cmath> <cstdint> <filesystem> <
 # What core and the programs share; without Eigen, which core does not use.
 anigen_precompiled_header_set(anigen_core_pch
   HEADERS ${ANIGEN_STANDARD_HEADERS} <nlohmann/json.hpp> <spdlog/spdlog.h>
-  LINK nlohmann_json::nlohmann_json spdlog::spdlog)
+  LINK nlohmann_json::nlohmann_json anigen_spdlog)
 # From asset up to eval and prepare.
 anigen_precompiled_header_set(anigen_geometry_pch
   HEADERS ${ANIGEN_STANDARD_HEADERS} <nlohmann/json.hpp> <Eigen/Core> <Eigen/Geometry> <Eigen/LU>

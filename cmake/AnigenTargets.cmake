@@ -40,6 +40,7 @@ endfunction()
 function(anigen_library folder)
   cmake_parse_arguments(ARG "TORCH" "" "DEPENDS;LINK" ${ARGN})
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/anigen/${folder}/*.cpp)
+  anigen_leave_out(sources ARG_LINK)
   set(name anigen_${folder})
   # A root with a single entry, anigen/<folder>: what this library lets others include.
   file(MAKE_DIRECTORY ${ANIGEN_INCLUDE_ROOTS}/${folder}/anigen)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds a preset (default: release) into build/<preset>. Programs land in build/<preset>/bin.
-#   scripts/build.sh [--programs] [release|debug|asan] [extra cmake -D options...]
+#   scripts/build.sh [--programs] [release|debug|asan|lean] [extra cmake -D options...]
 #     --programs   programs alone, no tests, no benchmarks
 set -euo pipefail
 cd "$(dirname "$0")/.."

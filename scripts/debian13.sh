@@ -15,31 +15,12 @@ steps=("$@")
 for step in "${steps[@]}"; do
   case $step in tests | quickstart | packages | clang) ;; *) echo "debian13: no step '$step'; see the head of $0" >&2; exit 2 ;; esac
 done
-[ "$(id -u)" -eq 0 ] || { echo "debian13: run as root (debootstrap and chroot need it)" >&2; exit 1; }
-command -v debootstrap >/dev/null || { apt-get update -qq; apt-get install -y -qq --no-install-recommends debootstrap; }
+. scripts/bare_debian.sh
 
-# The mirror that this machine's own apt uses for Debian's main archive.
-mirror=$(apt-get indextargets --format '$(REPO_URI) $(ORIGIN) $(LABEL)' | awk '$2 == "Debian" && $3 == "Debian" { print $1; exit }')
-[ -n "$mirror" ] || { echo "debian13: no Debian mirror in apt's configuration" >&2; exit 1; }
-
-mounted=()
-cleanup() { for target in "${mounted[@]}"; do umount "$target" || true; done; }
-trap cleanup EXIT
-bind() { mount --bind "$1" "$2"; mounted=("$2" "${mounted[@]}"); }
-# A bare Debian 13 in a folder.
-enter() {
-  [ -e "$1/.bootstrapped" ] || { debootstrap --variant=minbase trixie "$1" "$mirror" && touch "$1/.bootstrapped"; }
-  bind /proc "$1/proc"
-  bind /dev "$1/dev"
-  cp /etc/resolv.conf "$1/etc/resolv.conf"
-}
-inside() { local at=$1; shift; chroot "$at" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 bash -ec "$@"; }
-
-enter "$root"
-mkdir -p "$root/project/anigen" "$root/project/shared" "$root/root/.ccache"
-# A copy, so that build folders of the two systems stay apart; without its history, so programs name no commit.
-git ls-files -z --cached --others --exclude-standard | while IFS= read -r -d '' file; do if [ -e "$file" ]; then printf '%s\0' "$file"; fi; done |
-  tar --null -T - -cf - | tar -C "$root/project/anigen" -xf -
+enter trixie "$root"
+mkdir -p "$root/project/shared" "$root/root/.ccache"
+# A copy, so that build folders of the two systems stay apart.
+copy_checkout "$root/project/anigen"
 [ -d ../shared ] && bind ../shared "$root/project/shared"
 # What npm brought, for the tests in a browser: npm may reach no registry from inside.
 if [ -d .cache/node ]; then
@@ -57,7 +38,7 @@ for step in "${steps[@]}"; do
     quickstart) inside "$root" 'cd /project/anigen && scripts/quickstart.sh --smallest && scripts/quickstart.sh --train --smallest' ;;
     packages)
       inside "$root" 'cd /project/anigen && apt-get install -y -qq --no-install-recommends file >/dev/null && scripts/build.sh && cpack --config build/release/CPackConfig.cmake -B /packages'
-      enter "$root-bare"
+      enter trixie "$root-bare"
       rm -rf "$root-bare/packages"
       cp -r "$root/packages" "$root-bare/packages"
       cp examples/creatures/deer.png "$root-bare/root/deer.png"

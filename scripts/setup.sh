@@ -1,19 +1,30 @@
 #!/usr/bin/env bash
 # Installs everything the project needs on Debian 12 or 13, from Debian's packages only. Safe to run again.
 # third_party/README.md says what each package is for.
+#   scripts/setup.sh [--lean]
+#     --lean   what `scripts/build.sh lean` needs alone (docs/cluster.md)
 set -euo pipefail
 
 # One of several that exclude each other, "a|b": a is installed where none of them is.
 packages=(
   build-essential cmake ninja-build ccache git ca-certificates pkg-config
-  "libtorch-dev|libtorch-cuda-dev" "libgloo-dev|libgloo-cuda-dev" libopenblas0-openmp libopencv-dev libtinygltf-dev libembree-dev nlohmann-json3-dev
-  libspdlog-dev libcli11-dev libtbb-dev libeigen3-dev libdraco-dev libmeshoptimizer-dev libzip-dev zlib1g-dev liblemon-dev libassimp-dev
-  libnanoflann-dev libcgal-dev
-  libgtest-dev libbenchmark-dev python3-numpy
+  "libtorch-dev|libtorch-cuda-dev" "libgloo-dev|libgloo-cuda-dev" libopenblas0-openmp nlohmann-json3-dev
+  libspdlog-dev libcli11-dev libeigen3-dev libzip-dev zlib1g-dev liblemon-dev libnanoflann-dev libstb-dev
 )
-
 # Parts of the project that the rest does without: anigen-studio, the Python package, tests of power losses.
-optional=(libcpp-httplib-dev pybind11-dev python3-dev python3-fusepy)
+optional=()
+
+case ${1:-} in
+  --lean) ;;
+  '')
+    packages+=(
+      libopencv-dev libtinygltf-dev libembree-dev libtbb-dev libdraco-dev libmeshoptimizer-dev libassimp-dev libcgal-dev
+      libgtest-dev libbenchmark-dev python3-numpy
+    )
+    optional+=(libcpp-httplib-dev pybind11-dev python3-dev python3-fusepy)
+    ;;
+  *) echo "setup: no option '$1'; see the head of $0" >&2; exit 2 ;;
+esac
 
 installed() { dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
 
@@ -69,6 +80,8 @@ for library in libblas.so.3 liblapack.so.3 libopenblas.so.0; do
     fi
   fi
 done
+
+[ "${1:-}" != --lean ] || exit 0
 
 # The Khronos validator checks exported files in the tests, three.js shows assets in reports and, with three-vrm, loads VRM files in the tests. npm is optional: without
 # it the checks are skipped, and reports have no 3D views.

@@ -2,8 +2,6 @@
 
 #include <sched.h>
 #include <sys/syscall.h>
-#include <tbb/global_control.h>
-#include <tbb/parallel_for.h>
 #include <unistd.h>
 #include <algorithm>
 #include <atomic>
@@ -21,6 +19,14 @@
 #include <vector>
 
 #include "anigen/core/job.h"
+
+// TBB's library is built without the thread sanitizer, and lean builds do without it.
+#if defined(ANIGEN_LEAN) || defined(__SANITIZE_THREAD__)
+#define ANIGEN_OWN_THREADS
+#else
+#include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
+#endif
 
 namespace anigen {
 
@@ -104,30 +110,47 @@ int number_in(const char* variable) {
 
 namespace {
 
-#ifdef __SANITIZE_THREAD__
-/// A loop on threads of its own, which the thread sanitizer sees: the library of TBB is built without it.
+#ifdef ANIGEN_OWN_THREADS
+void limit_threads(int) {}
+
+/// A loop on threads of its own, the calling one among them; loops inside it run on the thread that comes to them.
 template <typename Body>
 void loop(std::size_t n, const Body& body) {
+  static thread_local bool is_inside = false;
+  if (is_inside) {
+    for (std::size_t i = 0; i < n; ++i) body(i);
+    return;
+  }
   std::atomic<std::size_t> next{0};
   std::mutex mutex;
   std::exception_ptr problem;
-  std::vector<std::thread> threads;
-  for (int t = 0; t < thread_count(); ++t) {
-    threads.emplace_back([&] {
-      for (std::size_t i = next++; i < n; i = next++) {
-        try {
-          body(i);
-        } catch (...) {
-          const std::lock_guard<std::mutex> lock(mutex);
-          if (!problem) problem = std::current_exception();
-        }
+  const auto work = [&] {
+    is_inside = true;
+    for (std::size_t i = next++; i < n; i = next++) {
+      try {
+        body(i);
+      } catch (...) {
+        const std::lock_guard<std::mutex> lock(mutex);
+        if (!problem) problem = std::current_exception();
+        next = n;
       }
-    });
-  }
+    }
+    is_inside = false;
+  };
+  const std::size_t count = std::min(n, static_cast<std::size_t>(thread_count()));
+  std::vector<std::thread> threads;
+  for (std::size_t t = 1; t < count; ++t) threads.emplace_back(work);
+  work();
   for (std::thread& thread : threads) thread.join();
   if (problem) std::rethrow_exception(problem);
 }
 #else
+void limit_threads(int count) {
+  static std::unique_ptr<tbb::global_control> control;
+  control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
+                                                  static_cast<std::size_t>(count));
+}
+
 template <typename Body>
 void loop(std::size_t n, const Body& body) {
   tbb::parallel_for(std::size_t{0}, n, body);
@@ -137,10 +160,8 @@ void loop(std::size_t n, const Body& body) {
 }  // namespace
 
 void set_thread_count(int threads) {
-  static std::unique_ptr<tbb::global_control> control;
   count_setting() = threads > 0 ? threads : cores_to_use();
-  control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
-                                                  static_cast<std::size_t>(count_setting()));
+  limit_threads(count_setting());
 }
 
 int thread_count() { return count_setting(); }

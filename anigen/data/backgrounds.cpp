@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <opencv2/core.hpp>
-#include <opencv2/imgproc.hpp>
+#include <cstdlib>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -193,6 +192,63 @@ io::Image reduced_to(const io::Image& picture, int longest) {
   return io::resize_lanczos(picture, side(picture.width), side(picture.height), io::ResizeAlpha::kPremultiplied);
 }
 
+// Half of a Gaussian kernel, from its middle outwards; the whole, cut off at four deviations, sums to 1.
+std::vector<float> half_kernel(double sigma) {
+  const int taps = static_cast<int>(std::lround(8.0 * sigma + 1.0)) | 1;
+  std::vector<double> exact(at(taps / 2 + 1));
+  double sum = 0.0;
+  for (std::size_t k = 0; k < exact.size(); ++k) {
+    const double distance = static_cast<double>(k) / sigma;
+    exact[k] = std::exp(-0.5 * distance * distance);
+    sum += k == 0 ? exact[k] : 2.0 * exact[k];
+  }
+  std::vector<float> kernel(exact.size());
+  for (std::size_t k = 0; k < exact.size(); ++k) kernel[k] = static_cast<float>(exact[k] / sum);
+  return kernel;
+}
+
+// Places -radius … size - 1 + radius, mirrored into 0 … size - 1 at the outermost ones, which are not repeated.
+std::vector<int> mirrored_places(int size, int radius) {
+  const int period = std::max(1, 2 * (size - 1));
+  std::vector<int> places(at(size + 2 * radius));
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const int place = std::abs(static_cast<int>(i) - radius) % period;
+    places[i] = std::min(place, period - place);
+  }
+  return places;
+}
+
+// sum[x] += weight · (a[x] + b[x])
+void add_pair(float* __restrict sum, const float* a, const float* b, float weight, std::size_t count) {
+  for (std::size_t x = 0; x < count; ++x) sum[x] += weight * (a[x] + b[x]);
+}
+
+void add_scaled(float* __restrict sum, const float* a, float weight, std::size_t count) {
+  for (std::size_t x = 0; x < count; ++x) sum[x] += weight * a[x];
+}
+
+// Along the rows of one plane, then along its columns.
+void blur_plane(float* plane, int size, const std::vector<float>& kernel) {
+  const std::size_t side = at(size), radius = kernel.size() - 1;
+  const std::vector<int> places = mirrored_places(size, static_cast<int>(radius));
+  std::vector<float> padded(places.size()), rows(side * side, 0.0F);
+  for (std::size_t y = 0; y < side; ++y) {
+    for (std::size_t i = 0; i < places.size(); ++i) padded[i] = plane[side * y + at(places[i])];
+    float* row = rows.data() + side * y;
+    const float* middle = padded.data() + radius;
+    add_scaled(row, middle, kernel[0], side);
+    for (std::size_t k = 1; k <= radius; ++k) add_pair(row, middle - k, middle + k, kernel[k], side);
+  }
+  std::fill_n(plane, side * side, 0.0F);
+  const auto row_at = [&](std::size_t place) { return rows.data() + side * at(places[place]); };
+  for (std::size_t y = 0; y < side; ++y) {
+    float* row = plane + side * y;
+    add_scaled(row, row_at(y + radius), kernel[0], side);
+    for (std::size_t k = 1; k <= radius; ++k)
+      add_pair(row, row_at(y + radius - k), row_at(y + radius + k), kernel[k], side);
+  }
+}
+
 }  // namespace
 
 std::vector<float> draw_background(Background kind, int size, Rng& rng) {
@@ -246,12 +302,9 @@ std::vector<float> crop_background(const io::Image& picture, int size, Rng& rng)
 void blur_planes(std::vector<float>& planes, int size, double sigma) {
   constexpr double kLeastSigma = 0.1;  // a smaller one changes nothing
   if (sigma < kLeastSigma) return;
-  const std::size_t pixels = static_cast<std::size_t>(size) * static_cast<std::size_t>(size);
-  for (std::size_t first = 0; first < planes.size(); first += pixels) {
-    cv::Mat plane(size, size, CV_32F, planes.data() + first), blurred;
-    cv::GaussianBlur(plane, blurred, cv::Size(0, 0), sigma);
-    blurred.copyTo(plane);
-  }
+  const std::size_t pixels = at(size) * at(size);
+  const std::vector<float> kernel = half_kernel(sigma);
+  for (std::size_t first = 0; first < planes.size(); first += pixels) blur_plane(planes.data() + first, size, kernel);
 }
 
 std::vector<io::Image> read_pictures(const std::filesystem::path& folder, int longest, bool cut_out) {

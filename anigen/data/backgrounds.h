@@ -34,7 +34,8 @@ std::vector<float> draw_background(int size, Rng& rng);
 /// @param picture its alpha does not count @return [3, S, S] in [0, 1]
 std::vector<float> crop_background(const io::Image& picture, int size, Rng& rng);
 
-/// Gaussian blur of planes, mirrored at the edges. @param planes [C, S, S] @param sigma in pixels, 0: none
+/// Gaussian blur of planes, cut off at four deviations; mirrored at the edges, whose pixels are not repeated.
+/// @param planes [C, S, S] @param sigma in pixels; below 0.1: none
 void blur_planes(std::vector<float>& planes, int size, double sigma);
 
 /// The pictures of a folder by name (io::picture_files), decoded at once and kept in memory.

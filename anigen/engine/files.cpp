@@ -7,7 +7,7 @@
 #include "anigen/core/private_folder.h"
 #include "anigen/engine/module.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "anigen/io/write_rigged.h"

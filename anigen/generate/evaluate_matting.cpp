@@ -11,6 +11,8 @@
 #include "anigen/core/process.h"
 #include "anigen/data/backgrounds.h"
 #include "anigen/data/matting_dataset.h"
+#include "anigen/generate/grabcut.h"
+#include "anigen/generate/matting_network.h"
 #include "anigen/generate/trained_matting.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/sparse_structure/voxel_picture.h"
@@ -145,7 +147,8 @@ MattingEvaluation evaluate_matting(const MattingEvaluationRequest& request) {
   const auto pictures = composed_pictures(request);
   const std::size_t count = request.most == 0 ? pictures->assets() : std::min(request.most, pictures->assets());
   MattingEvaluation result;
-  result.methods = {(request.matting.network / "x").parent_path().filename().string(), "GrabCut"};
+  result.methods = {(request.matting.network / "x").parent_path().filename().string()};
+  if (has_grabcut()) result.methods.emplace_back("GrabCut");
   result.scores.resize(result.methods.size());
   result.settings = {{"network", request.matting.network.string()},
                      {"splits", request.splits},
@@ -161,7 +164,8 @@ MattingEvaluation evaluate_matting(const MattingEvaluationRequest& request) {
     const io::Image image = sparse_structure::picture_of_planes(truth.image[0]);
     const torch::Tensor flat = truth.alpha[0].contiguous().flatten();
     const std::vector<float> alpha(flat.data_ptr<float>(), flat.data_ptr<float>() + flat.numel());
-    const std::vector<std::vector<std::uint8_t>> masks{network.mask(image, batch->ids.front()), grabcut_mask(image)};
+    std::vector<std::vector<std::uint8_t>> masks{network.mask(image, batch->ids.front())};
+    if (has_grabcut()) masks.push_back(grabcut_mask(image));
     for (std::size_t m = 0; m < masks.size(); ++m) result.scores[m].push_back(matting_score(masks[m], alpha));
     result.ids.push_back(pictures->asset(i).id);
     if (i < request.pictured) {

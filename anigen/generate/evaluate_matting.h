@@ -35,7 +35,7 @@ ANIGEN_JSON_RECORD(MattingScore, iou, mae)
 MattingScore matting_score(const std::vector<std::uint8_t>& mask, const std::vector<float>& alpha);
 
 struct MattingEvaluation {
-  std::vector<std::string> methods;               ///< the network's name, then "GrabCut"
+  std::vector<std::string> methods;               ///< the network's name, then "GrabCut" (has_grabcut)
   std::vector<std::string> ids;                   ///< of the assets
   std::vector<std::vector<MattingScore>> scores;  ///< [method][asset]
   std::vector<eval::Interval> iou, mae;           ///< [method] 95 %, by bootstrap over assets
@@ -45,9 +45,9 @@ struct MattingEvaluation {
 };
 
 /// Puts one view of each asset before a background, as the dataset AniGenMattings does but in twice the network's usual
-/// size, and compares the masks of the network and of GrabCut with the true one. Writes metrics.csv (per asset),
-/// metrics.json, table.md and samples.png into out.
-/// A run of ours that finds no object scores as an empty mask.
+/// size, and compares the masks of the network and, in a build with it, of GrabCut with the true one. Writes
+/// metrics.csv (per asset), metrics.json, table.md and samples.png into out. A run of ours that finds no object scores
+/// as an empty mask.
 /// @throws InputError when network, data or splits are unusable, or an ONNX network gives no mask; Interrupted
 MattingEvaluation evaluate_matting(const MattingEvaluationRequest& request);
 

@@ -10,6 +10,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/data/view_files.h"
+#include "anigen/generate/grabcut.h"
 #include "anigen/io/foreign_image.h"
 #include "anigen/io/image_resize.h"
 #include "anigen/io/rigs/rig_listing.h"

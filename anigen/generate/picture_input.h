@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/generate/matting_network.h"
 #include "anigen/generate/preprocess.h"
 #include "anigen/generate/trained_matting.h"
 #include "anigen/io/image.h"

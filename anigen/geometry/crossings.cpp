@@ -5,7 +5,7 @@
 
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/triangle_tree.h"
 
 namespace anigen::geometry {
 
@@ -15,7 +15,7 @@ namespace {
 constexpr std::size_t kEdgesPerTask = 1024;
 /// Part of an edge at either end in which hits do not count: vertices that rest on a face are no crossing.
 constexpr float kEdgeEnd = 1e-3f;
-/// Step past a hit, as a part of the edge: larger than the rounding of Embree's distances.
+/// Step past a hit, as a part of the edge: larger than the rounding of the distances.
 constexpr float kPastHit = 1e-5f;
 /// Faces that one edge is followed through; those at its two ends are among them.
 constexpr int kMostHits = 24;
@@ -25,7 +25,7 @@ bool shares_vertex(const Triangle& face, const MeshEdges::Edge& edge) {
 }
 
 /// Appends the faces that an edge pierces.
-void append_pierced(const EmbreeMesh& mesh, const std::vector<Eigen::Vector3f>& vertices,
+void append_pierced(const TriangleTree& tree, const std::vector<Eigen::Vector3f>& vertices,
                     const std::vector<Triangle>& faces, const MeshEdges::Edge& edge,
                     std::vector<std::int32_t>& pierced) {
   const Eigen::Vector3f& from = vertices[at(edge[0])];
@@ -33,12 +33,10 @@ void append_pierced(const EmbreeMesh& mesh, const std::vector<Eigen::Vector3f>& 
   if (!(along.squaredNorm() > 0.0f)) return;
   float begin = kEdgeEnd;
   for (int hit = 0; hit < kMostHits && begin < 1.0f - kEdgeEnd; ++hit) {
-    RTCRayHit query = embree_ray(from, along, begin);
-    query.ray.tfar = 1.0f - kEdgeEnd;
-    embree_intersect(mesh.scene(), query);
-    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return;
-    if (!shares_vertex(faces[query.hit.primID], edge)) pierced.push_back(static_cast<std::int32_t>(query.hit.primID));
-    begin = std::max(begin, query.ray.tfar) + kPastHit;
+    const TreeHit pierced_face = tree.first_hit({from, along, begin, 1.0f - kEdgeEnd});
+    if (!pierced_face.found()) return;
+    if (!shares_vertex(faces[pierced_face.face], edge)) pierced.push_back(static_cast<std::int32_t>(pierced_face.face));
+    begin = std::max(begin, pierced_face.distance) + kPastHit;
   }
 }
 
@@ -48,14 +46,14 @@ FaceMarks crossed_faces(const std::vector<Eigen::Vector3f>& vertices, const std:
                         const MeshEdges& edges) {
   FaceMarks crossed(faces.size(), 0);
   if (faces.empty()) return crossed;
-  const EmbreeMesh mesh(vertices, faces);
+  const TriangleTree tree(vertices, faces);
   const std::size_t tasks = (edges.size() + kEdgesPerTask - 1) / kEdgesPerTask;
   std::vector<std::vector<std::int32_t>> found(tasks);
   parallel_for(tasks, [&](std::size_t task) {
     const std::size_t end = std::min(edges.size(), (task + 1) * kEdgesPerTask);
     for (std::size_t e = task * kEdgesPerTask; e < end; ++e) {
       const std::size_t before = found[task].size();
-      append_pierced(mesh, vertices, faces, edges[e], found[task]);
+      append_pierced(tree, vertices, faces, edges[e], found[task]);
       if (found[task].size() == before) continue;
       for (const std::int32_t face : edges.faces(e)) found[task].push_back(face);
     }

@@ -1,12 +1,5 @@
 #pragma once
 #include <Eigen/Core>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include "anigen/asset/mesh.h"
 
 #if ANIGEN_EMBREE_VERSION == 4
 #include <embree4/rtcore.h>
@@ -16,48 +9,10 @@
 #error "ANIGEN_EMBREE_VERSION must be 3 or 4"
 #endif
 
-// The only place that knows which Embree this is. For sources of geometry and raytrace; other headers keep it out.
+// The only place that knows which Embree this is; for geometry/triangle_tree_embree.cpp, and for the benchmark that
+// calls Embree without our tree around it.
 
 namespace anigen::geometry {
-
-/// Coordinates beyond this are refused: Embree silently drops triangles near 1.8e18, and squares must stay finite.
-inline constexpr float kLargestCoordinate = 1e15f;
-
-/// @param file,array only for the message
-/// @throws InputError naming the first vertex that is not finite or too large, or the first face with a bad index
-void check_mesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces,
-                const std::string& file = "", const std::string& array = "mesh");
-
-/// A BVH over one triangle mesh; primitive ids are face indices. Queries are thread-safe.
-class EmbreeMesh {
- public:
-  /// Copies both arrays. @throws InputError as check_mesh; Error when Embree fails (out of memory)
-  EmbreeMesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
-  ~EmbreeMesh();
-  EmbreeMesh(const EmbreeMesh&) = delete;
-  EmbreeMesh& operator=(const EmbreeMesh&) = delete;
-
-  RTCScene scene() const { return scene_; }
-
- private:
-  RTCScene scene_ = nullptr;
-};
-
-/// A ray without an end that has hit nothing yet. @param nearest along it, in lengths of the direction
-inline RTCRayHit embree_ray(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float nearest) {
-  RTCRayHit query{};
-  query.ray.org_x = origin.x();
-  query.ray.org_y = origin.y();
-  query.ray.org_z = origin.z();
-  query.ray.dir_x = direction.x();
-  query.ray.dir_y = direction.y();
-  query.ray.dir_z = direction.z();
-  query.ray.tnear = nearest;
-  query.ray.tfar = std::numeric_limits<float>::infinity();
-  query.ray.mask = 0xFFFFFFFFu;
-  query.hit.geomID = query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  return query;
-}
 
 /// Closest hit along the ray; hit.hit.geomID stays RTC_INVALID_GEOMETRY_ID on a miss.
 inline void embree_intersect(RTCScene scene, RTCRayHit& hit) {
@@ -110,31 +65,5 @@ inline void embree_point_query(RTCScene scene, const Eigen::Vector3d& point, flo
   rtcInitPointQueryContext(&context);
   rtcPointQuery(scene, &query, &context, visit, data);
 }
-
-/// Intersections of rays with a mesh: set up once per mesh (a BVH), query many times. Distances are in single precision
-/// (relative error about 1e-6 of the scene). Queries are thread-safe.
-class RayCaster {
- public:
-  /// Copies the mesh. @throws InputError without faces, on a bad index, or on a vertex that is not finite
-  RayCaster(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& faces);
-  explicit RayCaster(const Mesh& mesh) : RayCaster(mesh.vertices, mesh.faces) {}
-
-  /// Distance from `origin` to the first surface that is at least `nearest` away along `direction` (of any length but
-  /// zero); both sides of a triangle count. Nothing when the ray leaves the mesh.
-  /// @throws InputError when the origin or the direction is not finite, or the direction is zero
-  std::optional<double> first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                                  double nearest = 0.0) const;
-
-  struct Hit {
-    double distance;
-    std::size_t face;  ///< index of the mesh's faces
-  };
-  /// The face that first_hit() hits.
-  std::optional<Hit> first_face(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                                double nearest = 0.0) const;
-
- private:
-  std::shared_ptr<const EmbreeMesh> mesh_;
-};
 
 }  // namespace anigen::geometry

@@ -11,8 +11,9 @@
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/bones.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/mesh_check.h"
 #include "anigen/geometry/sampling.h"
+#include "anigen/geometry/triangle_tree.h"
 
 namespace anigen::geometry {
 
@@ -130,7 +131,7 @@ struct NearestSurface::Implementation {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<Triangle> faces;
   std::vector<std::array<double, 4>> planes;  ///< unit normal and offset of every face, 0 for a sliver
-  EmbreeMesh tree;
+  TriangleTree tree;
   double extent = 0.0;  ///< largest coordinate of the mesh
 };
 
@@ -156,11 +157,9 @@ struct Search {
   /// A little too large: equally near faces and rounding in the boxes stay inside.
   float radius() const { return static_cast<float>(best.distance * (1.0 + 1e-5) + rounding); }
 
-  static bool visit(RTCPointQueryFunctionArguments* arguments) {
-    auto& search = *static_cast<Search*>(arguments->userPtr);
-    if (!search.offer(arguments->primID)) return false;
-    arguments->query->radius = search.radius();
-    return true;
+  static float visit(void* data, std::uint32_t face, float radius) {
+    auto& search = *static_cast<Search*>(data);
+    return search.offer(face) ? search.radius() : radius;
   }
 };
 
@@ -194,9 +193,9 @@ struct Collection {
     if (candidate.distance <= radius) found.push_back(candidate);
   }
 
-  static bool visit(RTCPointQueryFunctionArguments* arguments) {
-    static_cast<Collection*>(arguments->userPtr)->offer(arguments->primID);
-    return false;  // the radius stays
+  static float visit(void* data, std::uint32_t face, float radius) {
+    static_cast<Collection*>(data)->offer(face);
+    return radius;
   }
 };
 
@@ -230,9 +229,8 @@ NearestPoint NearestSurface::query(const Eigen::Vector3d& point, std::int32_t gu
   if (guessed) search.offer(static_cast<std::size_t>(guess));
   const bool in_range = point.cwiseAbs().maxCoeff() <= kLargestCoordinate;
   if (in_range) {
-    embree_point_query(implementation_->tree.scene(), point,
-                       guessed ? search.radius() : std::numeric_limits<float>::infinity(),
-                       &Search<Implementation>::visit, &search);
+    implementation_->tree.visit_within(point, guessed ? search.radius() : std::numeric_limits<float>::infinity(),
+                                       &Search<Implementation>::visit, &search);
   }
   // Too far away for single precision: look at every face.
   if (!in_range || search.best.at.face < 0) {
@@ -248,8 +246,8 @@ std::vector<NearestPoint> NearestSurface::within(const Eigen::Vector3d& point, d
   const double reach = implementation_->extent + point.cwiseAbs().maxCoeff();
   if (reach + radius <= kLargestCoordinate) {
     // Rounding of the boxes stays inside; exact distances decide.
-    embree_point_query(implementation_->tree.scene(), point, static_cast<float>(radius * (1.0 + 1e-5) + 1e-6 * reach),
-                       &Collection<Implementation>::visit, &collection);
+    implementation_->tree.visit_within(point, static_cast<float>(radius * (1.0 + 1e-5) + 1e-6 * reach),
+                                       &Collection<Implementation>::visit, &collection);
   } else {
     for (std::size_t face = 0; face < implementation_->faces.size(); ++face) collection.offer(face);
   }

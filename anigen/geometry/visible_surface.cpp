@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "anigen/core/numeric.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 
 namespace anigen::geometry {
 

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
+#include <new>
 #include <optional>
 #include <set>
 #include <string_view>
@@ -13,6 +11,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/text.h"
+#include "anigen/io/picture_codec.h"
 
 namespace anigen::io {
 
@@ -34,25 +33,31 @@ void require_pixels(const Image& image) {
                        " pixels with " + std::to_string(image.rgba.size()) + " bytes cannot be encoded");
 }
 
-// Keeps the picture as stored: alpha, no turning by EXIF orientation (textures and datasets count on the rows).
-cv::Mat decode(const std::vector<std::uint8_t>& bytes, const std::string& name) {
+/// Refuses what a header announces before anything is allocated for it.
+void check_announced(const std::vector<std::uint8_t>& bytes, const std::string& name) {
+  if (bytes.empty()) throw InputError(name, "", "picture of zero bytes");
+  if (bytes.size() > std::size_t{1} << 30) throw InputError(name, "", "picture file larger than 1 GiB");
+  const PictureSize announced = probe_picture(bytes, name);
+  // Decoders would try dozens of other formats, down to DICOM, whose sizes nobody has checked.
+  if (!announced.known)
+    throw InputError(name, "",
+                     "cannot be decoded as a picture: no PNG, JPEG, WebP, BMP or TIFF file, or a damaged one");
+  refuse_size(announced.width, announced.height, name);
+  if (!picture_codec::reads(announced.format))
+    throw NotSupportedError(name, "", std::string(announced.format) + " pictures by a build without OpenCV");
+}
+
+/// @param decode of a codec: false for damaged files
+template <typename Decode>
+void decode_or_refuse(const std::string& name, Decode decode) {
   try {
-    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::uint8_t*>(bytes.data()));
-    cv::Mat picture = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
-    if (!picture.empty()) return picture;
-  } catch (const cv::Exception&) {
-    // Fall through: OpenCV's message names its own source lines, not the user's file.
+    if (decode()) return;
+  } catch (const NotSupportedError&) {
+    throw NotSupportedError(name, "", "this pixel type of a picture");
   } catch (const std::bad_alloc&) {
     throw InputError(name, "", "picture does not fit into memory");
   }
   throw InputError(name, "", "cannot be decoded as a picture: it is damaged");
-}
-
-std::uint8_t to_byte(const cv::Mat& picture, int y, int x, int channel) {
-  const int at = x * picture.channels() + channel;
-  if (picture.depth() == CV_8U) return picture.ptr<std::uint8_t>(y)[at];
-  if (picture.depth() == CV_16U) return static_cast<std::uint8_t>((picture.ptr<std::uint16_t>(y)[at] + 128) / 257);
-  return cv::saturate_cast<std::uint8_t>(picture.ptr<float>(y)[at] * 255.0f);
 }
 
 }  // namespace
@@ -64,30 +69,23 @@ Image::Image(int width, int height, std::uint32_t rgba_fill) : width(width), hei
 }
 
 Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors, StoredPixels* stored) {
-  if (bytes.empty()) throw InputError(name_for_errors, "", "picture of zero bytes");
-  if (bytes.size() > std::size_t{1} << 30) throw InputError(name_for_errors, "", "picture file larger than 1 GiB");
-  // Before OpenCV allocates what a hostile header asks for.
-  const PictureSize announced = probe_picture(bytes, name_for_errors);
-  // OpenCV would try readers of dozens of other formats, down to DICOM, whose sizes nobody has checked.
-  if (!announced.known)
-    throw InputError(name_for_errors, "",
-                     "cannot be decoded as a picture: no PNG, JPEG, WebP, BMP or TIFF file, or a damaged one");
-  refuse_size(announced.width, announced.height, name_for_errors);
-  const cv::Mat picture = decode(bytes, name_for_errors);
-  refuse_size(static_cast<std::uint64_t>(picture.cols), static_cast<std::uint64_t>(picture.rows), name_for_errors);
-  const int channels = picture.channels(), depth = picture.depth();
-  if (channels > 4 || (depth != CV_8U && depth != CV_16U && depth != CV_32F))
-    throw NotSupportedError(name_for_errors, "", "this pixel type of a picture");
-  if (stored != nullptr) *stored = {channels, depth == CV_8U ? 8 : depth == CV_16U ? 16 : 32};
-  Image image(picture.cols, picture.rows);
-  for (int y = 0; y < image.height; ++y) {
-    for (int x = 0; x < image.width; ++x) {
-      std::uint8_t* pixel = image.pixel(x, y);
-      for (int c = 0; c < 3; ++c) pixel[c] = to_byte(picture, y, x, channels >= 3 ? 2 - c : 0);  // OpenCV: BGR
-      if (channels == 4 || channels == 2) pixel[3] = to_byte(picture, y, x, channels - 1);
-    }
-  }
+  check_announced(bytes, name_for_errors);
+  Image image;
+  StoredPixels found;
+  decode_or_refuse(name_for_errors, [&] { return picture_codec::decode(bytes, image, found); });
+  refuse_size(static_cast<std::uint64_t>(image.width), static_cast<std::uint64_t>(image.height), name_for_errors);
+  if (stored != nullptr) *stored = found;
   return image;
+}
+
+Grey16 decode_grey16(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors) {
+  check_announced(bytes, name_for_errors);
+  Grey16 grey;
+  StoredPixels found;
+  decode_or_refuse(name_for_errors, [&] { return picture_codec::decode_grey16(bytes, grey, found); });
+  if (found.channels != 1 || found.bits != 16)
+    throw InputError(name_for_errors, "", "has other pixels than one channel of 16 bits");
+  return grey;
 }
 
 Image read_image(const std::filesystem::path& path) {
@@ -120,30 +118,25 @@ std::vector<std::filesystem::path> picture_files(const std::filesystem::path& fo
 
 std::vector<std::uint8_t> encode_png(const Image& image) {
   require_pixels(image);
-  cv::Mat picture;
-  cv::cvtColor(cv::Mat(image.height, image.width, CV_8UC4, const_cast<std::uint8_t*>(image.rgba.data())), picture,
-               cv::COLOR_RGBA2BGRA);
-  std::vector<std::uint8_t> bytes;
-  if (!cv::imencode(".png", picture, bytes)) throw Error("cannot encode a picture as PNG");
-  return bytes;
+  return picture_codec::encode_png(image);
+}
+
+std::vector<std::uint8_t> encode_png16(const Grey16& grey) {
+  const std::size_t expected = static_cast<std::size_t>(grey.width) * static_cast<std::size_t>(grey.height);
+  if (grey.width < 1 || grey.height < 1 || grey.values.size() != expected)
+    throw InputError("", "", "a picture's values do not fit its size");
+  return picture_codec::encode_png16(grey);
 }
 
 std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
   require_pixels(image);
-  cv::Mat picture(image.height, image.width, CV_8UC3);
-  for (int y = 0; y < image.height; ++y) {
-    for (int x = 0; x < image.width; ++x) {
-      const std::uint8_t* pixel = image.pixel(x, y);
-      const auto over_white = [&](int channel) {
-        return static_cast<std::uint8_t>((pixel[channel] * pixel[3] + 255 * (255 - pixel[3]) + 127) / 255);
-      };
-      picture.at<cv::Vec3b>(y, x) = {over_white(2), over_white(1), over_white(0)};
-    }
+  Image opaque = image;
+  for (std::size_t i = 0; i < opaque.rgba.size(); i += kImageChannels) {
+    std::uint8_t* pixel = opaque.rgba.data() + i;
+    for (int c = 0; c < 3; ++c)
+      pixel[c] = static_cast<std::uint8_t>((pixel[c] * pixel[3] + 255 * (255 - pixel[3]) + 127) / 255);
   }
-  std::vector<std::uint8_t> bytes;
-  if (!cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, quality}))
-    throw Error("cannot encode a picture as JPEG");
-  return bytes;
+  return picture_codec::encode_jpeg(opaque, quality);
 }
 
 void write_png(const std::filesystem::path& path, const Image& image) {

@@ -27,10 +27,20 @@ struct StoredPixels {
   int bits = 0;      ///< per channel: 8, 16 or 32 (a float); fewer count as 8
 };
 
-/// PNG, JPEG, WebP, BMP or TIFF. @param stored set, when not null, to what the file held
-/// @throws InputError when it is none of these, cannot be decoded or exceeds 16,384 pixels on a side
+/// Picture of one channel of 16 bits, rows from top to bottom.
+struct Grey16 {
+  int width = 0, height = 0;
+  std::vector<std::uint16_t> values;  ///< width · height
+};
+
+/// PNG, JPEG, WebP, BMP or TIFF; lean builds read neither WebP nor TIFF.
+/// @param stored set, when not null, to what the file held
+/// @throws InputError when it is none of these, cannot be decoded or exceeds 16,384 pixels on a side;
+/// NotSupportedError for what a lean build does not read
 Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
                    StoredPixels* stored = nullptr);
+/// @throws as decode_image, and InputError for other pixels than one channel of 16 bits
+Grey16 decode_grey16(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors);
 Image read_image(const std::filesystem::path& path);
 /// True when at least one pixel is not fully opaque: only then the published pipeline trusts alpha
 /// (docs/reference/flows.md, 5.2).
@@ -39,6 +49,7 @@ bool has_transparency(const Image& image);
 /// @throws InputError when there is none, or no such folder
 std::vector<std::filesystem::path> picture_files(const std::filesystem::path& folder);
 std::vector<std::uint8_t> encode_png(const Image& image);
+std::vector<std::uint8_t> encode_png16(const Grey16& grey);
 /// Over white where the picture is transparent. @param quality 1 … 100
 std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality);
 void write_png(const std::filesystem::path& path, const Image& image);  ///< atomic

@@ -12,7 +12,7 @@
 #include "anigen/core/parallel.h"
 #include "anigen/core/table.h"
 #include "anigen/core/text.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 
 namespace anigen::lint {
 

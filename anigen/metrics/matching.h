@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 #include "anigen/metrics/metric_skeleton.h"
 
 namespace anigen::metrics {

@@ -6,7 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/io/gltf/add_animations.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/write_rigged.h"
 

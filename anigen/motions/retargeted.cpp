@@ -8,7 +8,7 @@
 
 #include "anigen/core/numeric.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/motions/contact.h"
 #include "anigen/motions/gaits.h"

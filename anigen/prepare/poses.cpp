@@ -9,7 +9,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/table.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 
 namespace anigen::prepare {
 

@@ -1,48 +1,18 @@
 #include "anigen/render/contact_sheet.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/render/caption.h"
 
 namespace anigen::render {
 
 namespace {
 
-constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
-constexpr int kCapital = 21;  ///< height of this font's capitals at scale 1, pixels
 constexpr std::int64_t kLargestSide = 16384;
-
-std::uint8_t byte(float value) {
-  return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(value, 0.0f, 1.0f)));
-}
-
-std::string ascii(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    const auto value = static_cast<unsigned char>(c);
-    // One '?' per character of UTF-8: continuation bytes are dropped.
-    if (value >= 0x80 && value < 0xC0) continue;
-    result += value >= 0x20 && value < 0x7F ? c : '?';
-  }
-  return result;
-}
-
-/// Draws one line with its baseline at y, centred in [x, x + width].
-void put_text(cv::Mat& canvas, const std::string& line, int x, int width, int y, int height,
-              const Eigen::Vector3f& color) {
-  const std::string text = ascii(line);
-  double scale = static_cast<double>(height) / kCapital;
-  int baseline = 0;
-  const int natural = cv::getTextSize(text, kFont, scale, 1, &baseline).width;
-  if (natural > width && natural > 0) scale *= static_cast<double>(width) / natural;
-  const int thickness = scale > 0.9 ? 2 : 1;
-  const int actual = cv::getTextSize(text, kFont, scale, thickness, &baseline).width;
-  cv::putText(canvas, text, {x + std::max(0, (width - actual) / 2), y}, kFont, scale,
-              cv::Scalar(byte(color.x()), byte(color.y()), byte(color.z()), 255), thickness, cv::LINE_AA);
-}
 
 /// Straight-alpha picture over an opaque sheet.
 void put_image(io::Image& sheet, const io::Image& image, int left, int top) {
@@ -89,13 +59,13 @@ io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& opti
   }
 
   io::Image sheet(static_cast<int>(width), static_cast<int>(height));
-  cv::Mat canvas(sheet.height, sheet.width, CV_8UC4, sheet.rgba.data());
-  canvas.setTo(
-      cv::Scalar(byte(options.background.x()), byte(options.background.y()), byte(options.background.z()), 255));
+  const std::array<std::uint8_t, 3> background = color_bytes(options.background);
+  for (std::size_t i = 0; i < sheet.rgba.size(); i += io::kImageChannels)
+    std::copy(background.begin(), background.end(), sheet.rgba.begin() + static_cast<std::ptrdiff_t>(i));
   if (title_height > 0) {
     const int baseline = options.gap + 2 * options.text_height;
-    put_text(canvas, options.title, options.gap, sheet.width - 2 * options.gap, baseline, 3 * options.text_height / 2,
-             options.text);
+    put_caption(sheet, options.title, options.gap, sheet.width - 2 * options.gap, baseline, 3 * options.text_height / 2,
+                options.text);
   }
   for (int i = 0; i < count; ++i) {
     const Tile& tile = tiles[at(i)];
@@ -104,8 +74,8 @@ io::Image contact_sheet(const std::vector<Tile>& tiles, const SheetOptions& opti
     put_image(sheet, tile.image, left + (cell_width - tile.image.width) / 2,
               top + (cell_height - tile.image.height) / 2);
     if (!tile.caption.empty()) {
-      put_text(canvas, tile.caption, left, cell_width, top + cell_height + 3 * options.text_height / 2,
-               options.text_height, options.text);
+      put_caption(sheet, tile.caption, left, cell_width, top + cell_height + 3 * options.text_height / 2,
+                  options.text_height, options.text);
     }
   }
   return sheet;

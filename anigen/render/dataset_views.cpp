@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
@@ -283,41 +281,26 @@ io::Image encode_condition_normals(const ViewImages& view, const Frame& frame) {
 
 std::vector<std::uint8_t> encode_depth_png(const ViewImages& view) {
   require(view, view.depth, "depth");
-  cv::Mat picture(view.size, view.size, CV_16UC1);
-  for (std::size_t i = 0; i < view.depth.size(); ++i) {
+  io::Grey16 grey;
+  grey.width = grey.height = view.size;
+  grey.values.resize(view.depth.size());
+  for (std::size_t i = 0; i < grey.values.size(); ++i) {
     const double steps = std::round(kDepthUnits * static_cast<double>(view.depth[i]));
     if (!(steps >= 0.0 && steps <= 65535.0))
       throw InputError("", "depth", "a depth of " + std::to_string(view.depth[i]) + " does not fit the 16-bit picture");
-    const bool surface = view.depth[i] > 0.0f;
-    picture.ptr<std::uint16_t>(static_cast<int>(i) / view.size)[static_cast<int>(i) % view.size] =
-        static_cast<std::uint16_t>(surface ? std::max(1.0, steps) : 0.0);
+    grey.values[i] = static_cast<std::uint16_t>(view.depth[i] > 0.0f ? std::max(1.0, steps) : 0.0);
   }
-  std::vector<std::uint8_t> bytes;
-  if (!cv::imencode(".png", picture, bytes)) throw Error("cannot encode a depth picture as PNG");
-  return bytes;
+  return io::encode_png16(grey);
 }
 
 std::vector<float> decode_depth_png(const std::vector<std::uint8_t>& bytes, const std::string& name_for_errors,
                                     int& width, int& height) {
-  const io::PictureSize size = io::probe_picture(bytes, name_for_errors);
-  if (!size.known || size.width < 1 || size.height < 1 || size.width > 16384 || size.height > 16384)
-    throw InputError(name_for_errors, "", "not a depth picture, or larger than 16384 pixels on a side");
-  cv::Mat picture;
-  try {
-    const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::uint8_t*>(bytes.data()));
-    picture = cv::imdecode(encoded, cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception&) {
-    // The message would name OpenCV's source lines; what follows names the file.
-  }
-  if (picture.empty()) throw InputError(name_for_errors, "", "the depth picture cannot be decoded");
-  if (picture.type() != CV_16UC1) throw InputError(name_for_errors, "", "a depth picture has one channel of 16 bits");
-  width = picture.cols;
-  height = picture.rows;
+  const io::Grey16 picture = io::decode_grey16(bytes, name_for_errors);
+  width = picture.width;
+  height = picture.height;
   std::vector<float> depth;
-  depth.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) depth.push_back(static_cast<float>(picture.ptr<std::uint16_t>(y)[x] / kDepthUnits));
-  }
+  depth.reserve(picture.values.size());
+  for (const std::uint16_t value : picture.values) depth.push_back(static_cast<float>(value / kDepthUnits));
   return depth;
 }
 

@@ -6,7 +6,8 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/mesh_check.h"
+#include "anigen/geometry/triangle_tree.h"
 #include "anigen/render/picture.h"
 
 namespace anigen::render {
@@ -162,12 +163,12 @@ struct Scene::Implementation {
     }
   }
 
-  Hit describe(std::uint32_t index, float u, float v, float distance, const Eigen::Vector3f& view) const {
+  Hit describe(const geometry::TreeHit& found, const Eigen::Vector3f& view) const {
     Hit hit;
-    hit.face = static_cast<std::int32_t>(index);
-    hit.distance = distance;
-    hit.barycentric = {1.0f - u - v, u, v};
-    const Triangle& face = asset->mesh.faces[index];
+    hit.face = static_cast<std::int32_t>(found.face);
+    hit.distance = found.distance;
+    hit.barycentric = {1.0f - found.u - found.v, found.u, found.v};
+    const Triangle& face = asset->mesh.faces[found.face];
     const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(face[k]); };
     hit.flat_normal =
         (vertices[corner(1)] - vertices[corner(0)]).cross(vertices[corner(2)] - vertices[corner(0)]).stableNormalized();
@@ -188,7 +189,7 @@ struct Scene::Implementation {
 
   const Asset* asset;
   std::vector<Eigen::Vector3f> vertices, normals;
-  geometry::EmbreeMesh tree;
+  geometry::TriangleTree tree;
   Box box;
   float epsilon = 0.0f;  ///< how far secondary rays start off the surface
 };
@@ -212,49 +213,24 @@ Scene::Scene(Scene&&) noexcept = default;
 Scene& Scene::operator=(Scene&&) noexcept = default;
 
 Hit Scene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double nearest) const {
-  RTCRayHit query = geometry::embree_ray(origin.cast<float>(), direction.cast<float>(), static_cast<float>(nearest));
-  geometry::embree_intersect(implementation_->tree.scene(), query);
-  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return {};
-  return implementation_->describe(query.hit.primID, query.hit.u, query.hit.v, query.ray.tfar, direction.cast<float>());
+  const geometry::TreeHit hit =
+      implementation_->tree.first_hit({origin.cast<float>(), direction.cast<float>(), static_cast<float>(nearest)});
+  return hit.found() ? implementation_->describe(hit, direction.cast<float>()) : Hit();
 }
 
 std::array<Hit, Scene::kBundle> Scene::trace(const Eigen::Vector3d& origin,
                                              const std::array<Eigen::Vector3f, kBundle>& directions) const {
-  static_assert(kBundle == 16, "the tree is asked with packets of 16");
-  alignas(64) std::array<int, kBundle> valid;
-  valid.fill(-1);
-  RTCRayHit16 query;
-  for (std::size_t i = 0; i < kBundle; ++i) {
-    query.ray.org_x[i] = static_cast<float>(origin.x());
-    query.ray.org_y[i] = static_cast<float>(origin.y());
-    query.ray.org_z[i] = static_cast<float>(origin.z());
-    query.ray.tnear[i] = 0.0f;
-    query.ray.dir_x[i] = directions[i].x();
-    query.ray.dir_y[i] = directions[i].y();
-    query.ray.dir_z[i] = directions[i].z();
-    query.ray.time[i] = 0.0f;
-    query.ray.tfar[i] = std::numeric_limits<float>::infinity();
-    query.ray.mask[i] = 0xFFFFFFFFu;
-    query.ray.id[i] = 0;
-    query.ray.flags[i] = 0;
-    query.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
-    query.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
-  }
-  geometry::embree_intersect16(valid.data(), implementation_->tree.scene(), query);
+  static_assert(kBundle == geometry::kRayBundle, "the tree is asked with bundles");
+  const geometry::BundleHits found = implementation_->tree.first_hits(origin.cast<float>(), directions);
   std::array<Hit, kBundle> hits;
   for (std::size_t i = 0; i < kBundle; ++i) {
-    if (query.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) continue;
-    hits[i] = implementation_->describe(query.hit.primID[i], query.hit.u[i], query.hit.v[i], query.ray.tfar[i],
-                                        directions[i]);
+    if (found[i].found()) hits[i] = implementation_->describe(found[i], directions[i]);
   }
   return hits;
 }
 
 bool Scene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float distance) const {
-  RTCRay ray = geometry::embree_ray(origin, direction, implementation_->epsilon).ray;
-  ray.tfar = distance;
-  geometry::embree_occluded(implementation_->tree.scene(), ray);
-  return ray.tfar < 0.0f;
+  return implementation_->tree.is_blocked({origin, direction, implementation_->epsilon, distance});
 }
 
 Eigen::Vector3f Scene::shadow_origin(const Hit& hit) const {

@@ -14,7 +14,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/mesh_check.h"
 #include "anigen/geometry/sampling.h"
 #include "anigen/render/cameras_json.h"
 

@@ -14,7 +14,7 @@
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
 #include "anigen/geometry/bones.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 #include "anigen/rigging/binding.h"
 
 namespace anigen::rigging {

@@ -13,8 +13,8 @@
 #include "anigen/data/rigged_item.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/geometry/correspondence.h"
-#include "anigen/geometry/embree.h"
 #include "anigen/geometry/nearest_surface.h"
+#include "anigen/geometry/ray_caster.h"
 #include "anigen/nn/init.h"
 
 namespace anigen::rignet {

@@ -21,7 +21,8 @@ struct Video {
   double fps = 0.0;                ///< what the file says; 0: unknown, as for a folder of pictures
 };
 
-/// Reads the pictures of a folder by name, or, where OpenCV can, a video file (MP4, WebM, AVI, MOV, animated GIF).
+/// Reads the pictures of a folder by name, or, where OpenCV can, a video file (MP4, WebM, AVI, MOV, animated GIF;
+/// tracking/video_file.h).
 /// @param names of files of the folder, in order, or empty: all pictures in it
 /// @throws InputError naming the file: none, unreadable, more than kMostFrames, frames of different size
 Video read_video(const std::filesystem::path& path, const std::vector<std::string>& names = {});

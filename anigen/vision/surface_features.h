@@ -3,7 +3,7 @@
 #include <array>
 #include <vector>
 
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 #include "anigen/prepare/metadata.h"
 
 namespace anigen::vision {

@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "tests/data/disc_dataset.h"
 #include "tests/support/paths.h"
 
@@ -89,6 +91,50 @@ TEST(BlurredPlanes, KeepTheirMeanAndLoseTheirContrast) {
   EXPECT_EQ(planes, sharp);
   blur_planes(planes, kEdge, 2.0);
   for (const float value : planes) EXPECT_NEAR(value, 0.5F, 0.05F);
+}
+
+// Every tap of the kernel in double, one place after the other.
+std::vector<double> slowly_blurred(const std::vector<float>& plane, int size, double sigma) {
+  const int radius = (static_cast<int>(std::lround(8.0 * sigma + 1.0)) | 1) / 2;
+  const auto mirrored = [&](int place) {
+    while (size > 1 && (place < 0 || place >= size)) place = place < 0 ? -place : 2 * (size - 1) - place;
+    return size > 1 ? place : 0;
+  };
+  double sum = 0.0;
+  for (int k = -radius; k <= radius; ++k) sum += std::exp(-0.5 * k * k / (sigma * sigma));
+  std::vector<double> from(plane.begin(), plane.end()), to(from.size());
+  for (const bool along_rows : {true, false}) {
+    for (int y = 0; y < size; ++y) {
+      for (int x = 0; x < size; ++x) {
+        double& value = to[static_cast<std::size_t>(size * y + x)];
+        value = 0.0;
+        for (int k = -radius; k <= radius; ++k) {
+          const int place = along_rows ? size * y + mirrored(x + k) : size * mirrored(y + k) + x;
+          value += std::exp(-0.5 * k * k / (sigma * sigma)) / sum * from[static_cast<std::size_t>(place)];
+        }
+      }
+    }
+    from = to;
+  }
+  return from;
+}
+
+TEST(BlurredPlanes, AreThoseOfASlowBlurInDouble) {
+  Rng rng(9, "plane");
+  for (const int size : {1, 2, 3, 17, 32}) {
+    for (const double sigma : {0.1, 0.3, 0.8, 1.0, 2.5, 7.0, 30.0}) {
+      std::vector<float> planes(at(2 * size * size));
+      for (float& value : planes) value = static_cast<float>(rng.uniform());
+      const std::vector<float> first(planes.begin(), planes.begin() + size * size);
+      const std::vector<float> second(planes.begin() + size * size, planes.end());
+      std::vector<double> wanted = slowly_blurred(first, size, sigma);
+      const std::vector<double> more = slowly_blurred(second, size, sigma);
+      wanted.insert(wanted.end(), more.begin(), more.end());
+      blur_planes(planes, size, sigma);
+      for (std::size_t i = 0; i < planes.size(); ++i)
+        ASSERT_NEAR(planes[i], wanted[i], 1e-5) << size << " pixels, sigma " << sigma << ", place " << i;
+    }
+  }
 }
 
 class PictureFolder : public ::testing::Test {

@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cstdlib>
 #include <functional>
-#include <opencv2/core.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/core/numeric.h"
 #include "anigen/generate/picture_input.h"
 #include "anigen/generate/run_weights.h"
 #include "tests/generate/red_matting.h"
@@ -19,7 +21,13 @@ namespace {
 
 constexpr std::uint32_t kBlue = 0x0000C8FFU;
 
-void paint_red(io::Image& picture, const cv::Rect& box) {
+struct Box {
+  int x = 0, y = 0, width = 0, height = 0;
+
+  bool contains(int column, int row) const { return column >= x && column < x + width && row >= y && row < y + height; }
+};
+
+void paint_red(io::Image& picture, const Box& box) {
   for (int y = box.y; y < box.y + box.height; ++y) {
     for (int x = box.x; x < box.x + box.width; ++x) {
       const std::uint8_t red[] = {255, 0, 0, 255};
@@ -55,7 +63,7 @@ TEST_F(TrainedMattings, DropASpeckAndKeepASecondPart) {
   ASSERT_EQ(mask.size(), 64U * 48U);
   for (int y = 0; y < 48; ++y) {
     for (int x = 0; x < 64; ++x) {
-      const bool object = cv::Rect(4, 4, 40, 36).contains({x, y}) || cv::Rect(50, 10, 12, 12).contains({x, y});
+      const bool object = Box{4, 4, 40, 36}.contains(x, y) || Box{50, 10, 12, 12}.contains(x, y);
       EXPECT_EQ(mask[static_cast<std::size_t>(64 * y + x)], object ? 255 : 0) << x << ", " << y;
     }
   }
@@ -63,21 +71,22 @@ TEST_F(TrainedMattings, DropASpeckAndKeepASecondPart) {
 
 TEST_F(TrainedMattings, WorkOnPicturesOfAnyShape) {
   TrainedMatting matting(run());
-  for (const cv::Size size : {cv::Size(200, 100), cv::Size(90, 300), cv::Size(20, 16)}) {
-    io::Image picture(size.width, size.height, kBlue);
-    const cv::Rect box(size.width / 10, size.height / 5, size.width / 2, size.height / 2);
+  for (const auto& [width, height] : std::vector<std::pair<int, int>>{{200, 100}, {90, 300}, {20, 16}}) {
+    io::Image picture(width, height, kBlue);
+    const Box box{width / 10, height / 5, width / 2, height / 2};
     paint_red(picture, box);
     const std::vector<std::uint8_t> mask = matting.mask(picture, "picture.png");
-    ASSERT_EQ(mask.size(), static_cast<std::size_t>(size.area()));
+    ASSERT_EQ(mask.size(), at(width * height));
     double both = 0.0, either = 0.0;
-    for (int y = 0; y < size.height; ++y) {
-      for (int x = 0; x < size.width; ++x) {
-        const bool found = mask[static_cast<std::size_t>(size.width * y + x)] >= 128, truth = box.contains({x, y});
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const bool found = mask[at(width * y + x)] >= 128, truth = box.contains(x, y);
         both += found && truth ? 1.0 : 0.0;
         either += found || truth ? 1.0 : 0.0;
       }
     }
-    EXPECT_GT(both / either, 0.8) << size << ": up to a pixel of the network is lost along the edge";
+    EXPECT_GT(both / either, 0.8) << width << " x " << height
+                                  << ": up to a pixel of the network is lost along the edge";
   }
 }
 

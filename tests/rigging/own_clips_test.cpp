@@ -11,7 +11,7 @@
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/primitives.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/rigging/rig_meshes.h"
 #include "anigen/rigging/write_rig.h"

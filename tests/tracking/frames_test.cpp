@@ -3,8 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <fstream>
-#include <opencv2/videoio.hpp>
 
 #include "anigen/core/error.h"
 #include "tests/support/paths.h"
@@ -51,26 +49,6 @@ TEST(TrackingFrames, BadVideosAreRefusedByName) {
   EXPECT_TRUE(says(refusal(folder.path(), {"2.png"}), "2.png"));
   io::write_png(folder.path() / "1.png", io::Image(4, 4));
   EXPECT_TRUE(says(refusal(folder.path(), {"1.png"}), "too few"));
-  std::ofstream(folder.path() / "broken.mp4") << "no video";
-  EXPECT_TRUE(says(refusal(folder.path() / "broken.mp4"), "is no video that OpenCV reads"));
-  std::ofstream(folder.path() / "empty.mp4");
-  EXPECT_TRUE(says(refusal(folder.path() / "empty.mp4"), "empty.mp4"));
-}
-
-TEST(TrackingFrames, VideoFileIsReadWithItsRate) {
-  const test::TemporaryFolder folder;
-  const fs::path file = folder.path() / "six.avi";
-  {
-    cv::VideoWriter writer(file.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 12.0, {48, 32});
-    if (!writer.isOpened()) GTEST_SKIP() << "this OpenCV writes no video";
-    for (int n = 0; n < 6; ++n) writer.write(cv::Mat(32, 48, CV_8UC3, cv::Scalar(0, 0, 40 * n)));
-  }
-  const Video video = read_video(file);
-  ASSERT_EQ(video.frames.size(), 6u);
-  EXPECT_NEAR(video.fps, 12.0, 1e-6);
-  EXPECT_EQ(video.frames[0].width, 48);
-  EXPECT_NEAR(video.frames[5].pixel(24, 16)[0], 200, 8);  // red comes first
-  EXPECT_NEAR(video.frames[5].pixel(24, 16)[2], 0, 8);
 }
 
 TEST(TrackingFrames, LevelHoldsCoverageColourAndDistance) {

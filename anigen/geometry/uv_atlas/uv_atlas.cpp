@@ -11,7 +11,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
 #include "anigen/core/parallel.h"
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/mesh_check.h"
 #include "anigen/geometry/nearest_surface.h"
 #include "anigen/geometry/uv_atlas/chart_merging.h"
 #include "anigen/geometry/uv_atlas/charts.h"

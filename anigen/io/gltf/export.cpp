@@ -1,6 +1,5 @@
 #include "anigen/io/gltf/export.h"
 
-#include <tiny_gltf.h>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -115,12 +114,13 @@ bool is_binary_extension(const std::filesystem::path& path) {
 namespace {
 
 template <typename T>
-constexpr int kComponentType = std::is_same_v<T, std::uint8_t>    ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE
-                               : std::is_same_v<T, std::uint16_t> ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT
-                               : std::is_same_v<T, std::uint32_t> ? TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT
-                                                                  : TINYGLTF_COMPONENT_TYPE_FLOAT;
+constexpr int kComponentType = static_cast<int>(std::is_same_v<T, std::uint8_t>    ? gltf_import::Component::kU8
+                                                : std::is_same_v<T, std::uint16_t> ? gltf_import::Component::kU16
+                                                : std::is_same_v<T, std::uint32_t> ? gltf_import::Component::kU32
+                                                                                   : gltf_import::Component::kF32);
 
-constexpr int kNoTarget = 0, kVertices = TINYGLTF_TARGET_ARRAY_BUFFER, kIndices = TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER;
+/// Targets of buffer views (glTF 2.0, section 5.11.5).
+constexpr int kNoTarget = 0, kVertices = 34962, kIndices = 34963;
 
 /// An object with this name, where there is one.
 Json named(const std::string& name) { return name.empty() ? Json::object() : Json{{"name", name}}; }

@@ -10,6 +10,7 @@
 #include "anigen/core/numeric.h"
 #include "anigen/geometry/nearest_point.h"
 #include "anigen/io/gltf/accessors.h"
+#include "anigen/io/gltf/compression.h"
 
 namespace anigen::io::gltf_import {
 

@@ -17,6 +17,7 @@
 #include "anigen/core/guarded_reader.h"
 #include "anigen/core/numeric.h"
 #include "anigen/io/rigs/assimp.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 #include "anigen/io/texture_files.h"
 

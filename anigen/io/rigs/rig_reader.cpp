@@ -18,7 +18,7 @@
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/anymate.h"
 #include "anigen/io/rigs/articulation_xl.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_arrays.h"
 #include "anigen/io/rigs/samples.h"
 #include "anigen/io/rigs/text_rig.h"

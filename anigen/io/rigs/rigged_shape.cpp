@@ -9,7 +9,7 @@
 #include "anigen/core/numeric.h"
 #include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rig_listing.h"
 
 namespace anigen::io {

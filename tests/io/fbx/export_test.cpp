@@ -9,7 +9,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
-#include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "tests/io/fbx/rig_difference.h"
 #include "tests/io/small_asset.h"

@@ -14,6 +14,7 @@
 #include "anigen/core/sandbox.h"
 #include "anigen/io/rigs/assimp.h"
 #include "anigen/io/rigs/assimp_scene.h"
+#include "anigen/io/rigs/read_assimp.h"
 #include "anigen/io/rigs/rigged_shape.h"
 #include "tests/io/small_asset.h"
 #include "tests/support/paths.h"

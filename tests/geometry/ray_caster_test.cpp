@@ -1,4 +1,4 @@
-#include "anigen/geometry/embree.h"
+#include "anigen/geometry/ray_caster.h"
 
 #include <gtest/gtest.h>
 
