@@ -34,6 +34,9 @@ target_link_libraries(anigen_lemon INTERFACE ${LEMON_LIBRARY})
 find_package(TBB REQUIRED)
 find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs videoio dnn)
 pkg_check_modules(ASSIMP REQUIRED IMPORTED_TARGET assimp)
+# Its headers alone: of what calls it, anigen/apps/with_opencv links it, and the tests that make pictures.
+add_library(opencv_headers INTERFACE)
+target_include_directories(opencv_headers SYSTEM INTERFACE ${OpenCV_INCLUDE_DIRS})
 
 # Embree 4 (Debian 13) and Embree 3 (Debian 12) differ in header folder and in a few signatures.
 find_package(embree 4 QUIET)

@@ -28,6 +28,9 @@ install(TARGETS ${programs} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONEN
 if(ANIGEN_WITH_TORCH)
   install(TARGETS anigen-torch LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/anigen COMPONENT library)
 endif()
+if(TARGET anigen-opencv)
+  install(TARGETS anigen-opencv LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/anigen COMPONENT library)
+endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/configs ${PROJECT_SOURCE_DIR}/experiments
   DESTINATION ${CMAKE_INSTALL_DATADIR}/anigen COMPONENT programs PATTERN results EXCLUDE)
 if(TARGET anigen-studio)

@@ -2,7 +2,8 @@
 # (docs/cluster.md says what it lacks). ANIGEN_LEAN is a compile definition of all its sources, too.
 #
 # A source that calls a library which a lean build does without is named after it. Another one stands in for it there:
-# `_stb` and `_plain` by other means, which all builds compile, `_lean` mostly by saying what is not supported.
+# `_stb` and `_plain` by other means, which all builds compile, `_lean` by saying what is not supported. The module
+# anigen-opencv (anigen/apps/with_opencv) is not there either.
 
 if(ANIGEN_LEAN)
   set(ANIGEN_LEFT_OUT "(_opencv|_embree|_libraries|/assimp|/assimp_mesh|/assimp_scene)[.]cpp$")
@@ -19,6 +20,6 @@ endif()
 macro(anigen_leave_out sources libraries)
   list(FILTER ${sources} EXCLUDE REGEX "${ANIGEN_LEFT_OUT}")
   if(ANIGEN_LEAN AND DEFINED ${libraries})
-    list(FILTER ${libraries} EXCLUDE REGEX "^(embree|opencv_.*|TBB::tbb|PkgConfig::ASSIMP)$")
+    list(FILTER ${libraries} EXCLUDE REGEX "^(embree|opencv_.*|TBB::tbb)$")
   endif()
 endmacro()

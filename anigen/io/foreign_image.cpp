@@ -6,6 +6,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/guarded_reader.h"
+#include "anigen/io/picture_codec.h"
 
 namespace anigen::io {
 
@@ -45,6 +46,7 @@ Image decode_foreign_image(const std::vector<std::uint8_t>& bytes, const std::st
   limits.cpu_seconds = kDecoderSeconds + static_cast<double>(pixels) / kPixelsPerSecond;
   limits.more_memory = kDecoderBytes + kBytesPerPixel * pixels + 2 * bytes.size();
   limits.sandbox = SandboxRights{};  // it has the bytes, and answers by the pipe
+  picture_codec();                   // loaded here, once, and not by each of the processes
   const std::string answer =
       read_guarded(name_for_errors, "cannot be decoded as a picture: the decoder %; the file is damaged or hostile",
                    limits, [&bytes] { return decoded_answer(bytes); });

@@ -43,21 +43,31 @@ void check_announced(const std::vector<std::uint8_t>& bytes, const std::string& 
     throw InputError(name, "",
                      "cannot be decoded as a picture: no PNG, JPEG, WebP, BMP or TIFF file, or a damaged one");
   refuse_size(announced.width, announced.height, name);
-  if (!picture_codec::reads(announced.format))
-    throw NotSupportedError(name, "", std::string(announced.format) + " pictures by a build without OpenCV");
+  if (!picture_codec().reads(announced.format))
+    throw NotSupportedError(name, "", std::string(announced.format) + " pictures without OpenCV");
 }
 
-/// @param decode of a codec: false for damaged files
+/// @param decode by a codec
 template <typename Decode>
 void decode_or_refuse(const std::string& name, Decode decode) {
   try {
-    if (decode()) return;
-  } catch (const NotSupportedError&) {
-    throw NotSupportedError(name, "", "this pixel type of a picture");
+    switch (decode()) {
+      case PictureCodec::Outcome::kDone:
+        return;
+      case PictureCodec::Outcome::kOtherPixels:
+        throw NotSupportedError(name, "", "this pixel type of a picture");
+      case PictureCodec::Outcome::kDamaged:
+        break;
+    }
   } catch (const std::bad_alloc&) {
     throw InputError(name, "", "picture does not fit into memory");
   }
   throw InputError(name, "", "cannot be decoded as a picture: it is damaged");
+}
+
+std::vector<std::uint8_t> encoded_or_failed(std::vector<std::uint8_t> bytes, const char* format) {
+  if (bytes.empty()) throw Error(std::string("cannot encode a picture as ") + format);
+  return bytes;
 }
 
 }  // namespace
@@ -72,7 +82,7 @@ Image decode_image(const std::vector<std::uint8_t>& bytes, const std::string& na
   check_announced(bytes, name_for_errors);
   Image image;
   StoredPixels found;
-  decode_or_refuse(name_for_errors, [&] { return picture_codec::decode(bytes, image, found); });
+  decode_or_refuse(name_for_errors, [&] { return picture_codec().decode(bytes, image, found); });
   refuse_size(static_cast<std::uint64_t>(image.width), static_cast<std::uint64_t>(image.height), name_for_errors);
   if (stored != nullptr) *stored = found;
   return image;
@@ -82,7 +92,7 @@ Grey16 decode_grey16(const std::vector<std::uint8_t>& bytes, const std::string& 
   check_announced(bytes, name_for_errors);
   Grey16 grey;
   StoredPixels found;
-  decode_or_refuse(name_for_errors, [&] { return picture_codec::decode_grey16(bytes, grey, found); });
+  decode_or_refuse(name_for_errors, [&] { return picture_codec().decode_grey16(bytes, grey, found); });
   if (found.channels != 1 || found.bits != 16)
     throw InputError(name_for_errors, "", "has other pixels than one channel of 16 bits");
   return grey;
@@ -118,14 +128,14 @@ std::vector<std::filesystem::path> picture_files(const std::filesystem::path& fo
 
 std::vector<std::uint8_t> encode_png(const Image& image) {
   require_pixels(image);
-  return picture_codec::encode_png(image);
+  return encoded_or_failed(picture_codec().encode_png(image), "PNG");
 }
 
 std::vector<std::uint8_t> encode_png16(const Grey16& grey) {
   const std::size_t expected = static_cast<std::size_t>(grey.width) * static_cast<std::size_t>(grey.height);
   if (grey.width < 1 || grey.height < 1 || grey.values.size() != expected)
     throw InputError("", "", "a picture's values do not fit its size");
-  return picture_codec::encode_png16(grey);
+  return encoded_or_failed(picture_codec().encode_png16(grey), "PNG");
 }
 
 std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
@@ -136,7 +146,7 @@ std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
     for (int c = 0; c < 3; ++c)
       pixel[c] = static_cast<std::uint8_t>((pixel[c] * pixel[3] + 255 * (255 - pixel[3]) + 127) / 255);
   }
-  return picture_codec::encode_jpeg(opaque, quality);
+  return encoded_or_failed(picture_codec().encode_jpeg(opaque, quality), "JPEG");
 }
 
 void write_png(const std::filesystem::path& path, const Image& image) {

@@ -20,9 +20,11 @@
 #include "anigen/core/error.h"
 #include "anigen/io/picture_codec.h"
 
-namespace anigen::io::stb_codec {
+namespace anigen::io {
 
-namespace {
+namespace stb {
+
+using Outcome = PictureCodec::Outcome;
 
 struct Free {
   void operator()(void* pixels) const { std::free(pixels); }
@@ -44,43 +46,39 @@ void fill(Image& image, const Value* from, int channels, ToByte to_byte) {
   }
 }
 
-}  // namespace
-
 bool reads(std::string_view format) { return format == "PNG" || format == "JPEG" || format == "BMP"; }
 
-bool decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixels& stored) {
+Outcome decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixels& stored) {
   int width = 0, height = 0, channels = 0;
   if (has_16_bits(bytes)) {
     const std::unique_ptr<stbi_us, Free> pixels(
         stbi_load_16_from_memory(bytes.data(), length_of(bytes), &width, &height, &channels, 0));
-    if (!pixels) return false;
+    if (!pixels) return Outcome::kDamaged;
     image = Image(width, height);
     fill(image, pixels.get(), channels, [](int value) { return static_cast<std::uint8_t>((value + 128) / 257); });
     stored = {channels, 16};
-    return true;
+    return Outcome::kDone;
   }
   const std::unique_ptr<stbi_uc, Free> pixels(
       stbi_load_from_memory(bytes.data(), length_of(bytes), &width, &height, &channels, 0));
-  if (!pixels) return false;
+  if (!pixels) return Outcome::kDamaged;
   image = Image(width, height);
   fill(image, pixels.get(), channels, [](std::uint8_t value) { return value; });
   stored = {channels, 8};
-  return true;
+  return Outcome::kDone;
 }
 
-bool decode_grey16(const std::vector<std::uint8_t>& bytes, Grey16& grey, StoredPixels& stored) {
+Outcome decode_grey16(const std::vector<std::uint8_t>& bytes, Grey16& grey, StoredPixels& stored) {
   int width = 0, height = 0, channels = 0;
   const std::unique_ptr<stbi_us, Free> pixels(
       stbi_load_16_from_memory(bytes.data(), length_of(bytes), &width, &height, &channels, 0));
-  if (!pixels) return false;
+  if (!pixels) return Outcome::kDamaged;
   stored = {channels, has_16_bits(bytes) ? 16 : 8};
   grey = {width, height, {}};
-  if (channels != 1 || stored.bits != 16) return true;
+  if (channels != 1 || stored.bits != 16) return Outcome::kDone;
   grey.values.assign(pixels.get(), pixels.get() + static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  return true;
+  return Outcome::kDone;
 }
-
-namespace {
 
 using Row = std::vector<std::uint8_t>;
 
@@ -140,8 +138,7 @@ Row png_file(int width, int height, std::size_t pixel, int bits, int color_type,
   constexpr int kLevel = 4;
   Row packed(::compressBound(filtered.size()));
   uLongf length = packed.size();
-  if (::compress2(packed.data(), &length, filtered.data(), filtered.size(), kLevel) != Z_OK)
-    throw Error("cannot encode a picture as PNG");
+  if (::compress2(packed.data(), &length, filtered.data(), filtered.size(), kLevel) != Z_OK) return {};
   packed.resize(length);
 
   Row file = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'}, header;
@@ -153,8 +150,6 @@ Row png_file(int width, int height, std::size_t pixel, int bits, int color_type,
   append_chunk(file, "IEND", {});
   return file;
 }
-
-}  // namespace
 
 std::vector<std::uint8_t> encode_png(const Image& image) {
   constexpr int kColorAndAlpha = 6;
@@ -185,9 +180,16 @@ std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
     static_cast<std::vector<std::uint8_t>*>(to)->insert(static_cast<std::vector<std::uint8_t>*>(to)->end(), from,
                                                         from + size);
   };
-  if (stbi_write_jpg_to_func(append, &bytes, image.width, image.height, 3, colors.data(), quality) == 0)
-    throw Error("cannot encode a picture as JPEG");
+  if (stbi_write_jpg_to_func(append, &bytes, image.width, image.height, 3, colors.data(), quality) == 0) return {};
   return bytes;
 }
 
-}  // namespace anigen::io::stb_codec
+}  // namespace stb
+
+const PictureCodec& stb_codec() {
+  static constexpr PictureCodec kCodec{stb::reads,      stb::decode,       stb::decode_grey16,
+                                       stb::encode_png, stb::encode_png16, stb::encode_jpeg};
+  return kCodec;
+}
+
+}  // namespace anigen::io

@@ -2,12 +2,13 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "anigen/core/error.h"
 #include "anigen/io/picture_codec.h"
 
-namespace anigen::io::opencv_codec {
+namespace anigen::io {
 
-namespace {
+namespace opencv {
+
+using Outcome = PictureCodec::Outcome;
 
 /// Empty for damaged files.
 cv::Mat decoded(const std::vector<std::uint8_t>& bytes) {
@@ -21,7 +22,7 @@ cv::Mat decoded(const std::vector<std::uint8_t>& bytes) {
 
 std::vector<std::uint8_t> encoded_png(const cv::Mat& picture) {
   std::vector<std::uint8_t> bytes;
-  if (!cv::imencode(".png", picture, bytes)) throw Error("cannot encode a picture as PNG");
+  if (!cv::imencode(".png", picture, bytes)) bytes.clear();
   return bytes;
 }
 
@@ -37,20 +38,19 @@ StoredPixels layout_of(const cv::Mat& picture) {
   return {picture.channels(), depth == CV_8U ? 8 : depth == CV_16U ? 16 : 32};
 }
 
-}  // namespace
-
 bool reads(std::string_view format) {
   return format == "PNG" || format == "JPEG" || format == "BMP" || format == "WebP" || format == "TIFF";
 }
 
-bool decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixels& stored) {
+Outcome decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixels& stored) {
   const cv::Mat picture = decoded(bytes);
-  if (picture.empty()) return false;
+  if (picture.empty()) return Outcome::kDamaged;
   const int channels = picture.channels(), depth = picture.depth();
-  if (channels > 4 || (depth != CV_8U && depth != CV_16U && depth != CV_32F))
-    throw NotSupportedError("", "", "this pixel type of a picture");
+  if (channels > 4 || (depth != CV_8U && depth != CV_16U && depth != CV_32F)) return Outcome::kOtherPixels;
   stored = layout_of(picture);
-  image = Image(picture.cols, picture.rows);
+  image.width = picture.cols;
+  image.height = picture.rows;
+  image.rgba.assign(std::size_t{kImageChannels} * picture.total(), 255);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
       std::uint8_t* pixel = image.pixel(x, y);
@@ -58,18 +58,18 @@ bool decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixels& 
       if (channels == 4 || channels == 2) pixel[3] = to_byte(picture, y, x, channels - 1);
     }
   }
-  return true;
+  return Outcome::kDone;
 }
 
-bool decode_grey16(const std::vector<std::uint8_t>& bytes, Grey16& grey, StoredPixels& stored) {
+Outcome decode_grey16(const std::vector<std::uint8_t>& bytes, Grey16& grey, StoredPixels& stored) {
   const cv::Mat picture = decoded(bytes);
-  if (picture.empty()) return false;
+  if (picture.empty()) return Outcome::kDamaged;
   stored = layout_of(picture);
   grey = {picture.cols, picture.rows, {}};
-  if (picture.type() != CV_16UC1) return true;
+  if (picture.type() != CV_16UC1) return Outcome::kDone;
   for (int y = 0; y < picture.rows; ++y)
     grey.values.insert(grey.values.end(), picture.ptr<std::uint16_t>(y), picture.ptr<std::uint16_t>(y) + picture.cols);
-  return true;
+  return Outcome::kDone;
 }
 
 std::vector<std::uint8_t> encode_png(const Image& image) {
@@ -88,9 +88,17 @@ std::vector<std::uint8_t> encode_jpeg(const Image& image, int quality) {
   cv::cvtColor(cv::Mat(image.height, image.width, CV_8UC4, const_cast<std::uint8_t*>(image.rgba.data())), picture,
                cv::COLOR_RGBA2BGR);
   std::vector<std::uint8_t> bytes;
-  if (!cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, quality}))
-    throw Error("cannot encode a picture as JPEG");
+  if (!cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, quality})) bytes.clear();
   return bytes;
 }
 
-}  // namespace anigen::io::opencv_codec
+}  // namespace opencv
+
+/// The entry that opencv_codec() looks for.
+extern "C" __attribute__((visibility("default"))) const PictureCodec* anigen_opencv_codec() {
+  static constexpr PictureCodec kCodec{opencv::reads,      opencv::decode,       opencv::decode_grey16,
+                                       opencv::encode_png, opencv::encode_png16, opencv::encode_jpeg};
+  return &kCodec;
+}
+
+}  // namespace anigen::io

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "anigen/core/numeric.h"
+#include "anigen/io/opencv_module.h"
 #include "anigen/render/caption.h"
 
 namespace anigen::render {
@@ -82,11 +83,10 @@ class Coverage {
   std::vector<float> shares_;
 };
 
-}  // namespace
-
-void put_caption(io::Image& sheet, const std::string& line, int x, int width, int y, int height,
-                 const Eigen::Vector3f& color) {
-  const InkedCells cells = inked_cells(printable_ascii(line));
+/// By stb_easy_font, whose letters are coarser than OpenCV's. @param text printable ASCII
+void put_stb_caption(io::Image& sheet, const std::string& text, int x, int width, int y, int height,
+                     const std::array<std::uint8_t, 3>& color) {
+  const InkedCells cells = inked_cells(text);
   if (cells.columns == 0 || width <= 0 || height <= 0) return;
   double scale = static_cast<double>(height) / kCapitalRows;
   if (scale * cells.columns > width) scale = static_cast<double>(width) / cells.columns;
@@ -100,7 +100,17 @@ void put_caption(io::Image& sheet, const std::string& line, int x, int width, in
         coverage.add(left + scale * column, y - rise + scale * row, scale);
     }
   }
-  coverage.paint(sheet, color_bytes(color));
+  coverage.paint(sheet, color);
+}
+
+}  // namespace
+
+void put_caption(io::Image& sheet, const std::string& line, int x, int width, int y, int height,
+                 const Eigen::Vector3f& color) {
+  using Put = void (*)(io::Image&, const std::string&, int, int, int, int, const std::array<std::uint8_t, 3>&);
+  static const auto by_opencv = reinterpret_cast<Put>(io::opencv_module_entry("anigen_opencv_caption"));
+  const Put put = by_opencv != nullptr ? by_opencv : put_stb_caption;
+  put(sheet, printable_ascii(line), x, width, y, height, color_bytes(color));
 }
 
 }  // namespace anigen::render
