@@ -17,6 +17,7 @@
 #include "anigen/io/mtl.h"
 #include "anigen/io/obj.h"
 #include "anigen/io/onnx.h"
+#include "anigen/io/picture_codec.h"
 #include "anigen/io/ply.h"
 #include "anigen/io/rigs/bvh.h"
 #include "anigen/io/rigs/text_rig.h"
@@ -140,6 +141,11 @@ void read_image(const std::string& bytes) {
   const io::PictureSize size = io::probe_picture(file, "input.png");
   if (size.known && size.width * size.height > kMostPixels) return;
   io::StoredPixels stored;
+  // Lean builds decode by it.
+  io::Image by_stb;
+  io::Grey16 grey_by_stb;
+  io::stb_codec().decode(file, by_stb, stored);
+  io::stb_codec().decode_grey16(file, grey_by_stb, stored);
   const io::Image image = io::decode_image(file, "input.png", &stored);
   io::has_transparency(image);
   const io::Image turned = io::upright(image, orientation);

@@ -13,7 +13,7 @@ here() { inside "$root" "cd /project; $1"; }
 timed() { local start=$SECONDS; "${@:2}"; echo "lean: $1: $((SECONDS - start)) s"; }
 
 enter bookworm "$root"
-# What git no longer knows goes from the copy.
+# Files that git no longer knows go from the copy.
 mkdir -p "$root/project" "$root/root/.ccache"
 find "$root/project" -mindepth 1 -maxdepth 1 ! -name build -exec rm -rf {} +
 copy_checkout "$root/project"

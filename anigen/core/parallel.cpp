@@ -15,6 +15,7 @@
 #include <set>
 #include <sstream>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -139,7 +140,11 @@ void loop(std::size_t n, const Body& body) {
   };
   const std::size_t count = std::min(n, static_cast<std::size_t>(thread_count()));
   std::vector<std::thread> threads;
-  for (std::size_t t = 1; t < count; ++t) threads.emplace_back(work);
+  // Where a node grants no further thread, those that there are do the work.
+  try {
+    for (std::size_t t = 1; t < count; ++t) threads.emplace_back(work);
+  } catch (const std::system_error&) {
+  }
   work();
   for (std::thread& thread : threads) thread.join();
   if (problem) std::rethrow_exception(problem);

@@ -32,6 +32,13 @@ struct Free {
 
 int length_of(const std::vector<std::uint8_t>& bytes) { return static_cast<int>(bytes.size()); }
 
+/// Before anything is allocated: a header may hide the size that stb takes from the one that image.h looks at.
+bool is_too_large(const std::vector<std::uint8_t>& bytes) {
+  int width = 0, height = 0, channels = 0;
+  return stbi_info_from_memory(bytes.data(), length_of(bytes), &width, &height, &channels) != 0 &&
+         std::max(width, height) > kMostPixelsPerSide;
+}
+
 bool has_16_bits(const std::vector<std::uint8_t>& bytes) {
   return stbi_is_16_bit_from_memory(bytes.data(), length_of(bytes)) != 0;
 }
@@ -49,6 +56,7 @@ void fill(Image& image, const Value* from, int channels, ToByte to_byte) {
 bool reads(std::string_view format) { return format == "PNG" || format == "JPEG" || format == "BMP"; }
 
 Outcome decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixels& stored) {
+  if (is_too_large(bytes)) return Outcome::kDamaged;
   int width = 0, height = 0, channels = 0;
   if (has_16_bits(bytes)) {
     const std::unique_ptr<stbi_us, Free> pixels(
@@ -69,6 +77,7 @@ Outcome decode(const std::vector<std::uint8_t>& bytes, Image& image, StoredPixel
 }
 
 Outcome decode_grey16(const std::vector<std::uint8_t>& bytes, Grey16& grey, StoredPixels& stored) {
+  if (is_too_large(bytes)) return Outcome::kDamaged;
   int width = 0, height = 0, channels = 0;
   const std::unique_ptr<stbi_us, Free> pixels(
       stbi_load_16_from_memory(bytes.data(), length_of(bytes), &width, &height, &channels, 0));
