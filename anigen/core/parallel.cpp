@@ -140,7 +140,7 @@ void loop(std::size_t n, const Body& body) {
   };
   const std::size_t count = std::min(n, static_cast<std::size_t>(thread_count()));
   std::vector<std::thread> threads;
-  // Where a node grants no further thread, those that there are do the work.
+  // A node may grant no further thread: those that there are do the work.
   try {
     for (std::size_t t = 1; t < count; ++t) threads.emplace_back(work);
   } catch (const std::system_error&) {
