@@ -4,6 +4,8 @@
 #include <optional>
 #include <string>
 
+#include "anigen/core/openblas.h"
+
 namespace anigen {
 
 /// Flags of Google Benchmark that benchmarks with a main() of their own understand.
@@ -16,8 +18,10 @@ struct BenchmarkFlags {
 };
 
 /// Other --benchmark_* flags are accepted and ignored, so that one script can run all benchmarks.
-/// @return nothing, after a line on standard error, when there is an argument that is none of these
+/// Starts the benchmark once more where OpenBLAS chose slow kernels, as programs do. @return nothing, after a line on
+/// standard error, when there is an argument that is none of these
 inline std::optional<BenchmarkFlags> benchmark_flags(int argc, char** argv) {
+  start_with_openblas_core(argv);
   BenchmarkFlags flags;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];

@@ -1,7 +1,11 @@
 // Puts what the benchmarks wrote into one JSON file and one Markdown table.
-//   benchmark_report ALL.json ALL.md [--compare=OLD.json] FILE.json...
-// Each FILE is of --benchmark_out. With --compare, a column says how many times as fast each row is as in an ALL.json
-// of before: figures of two runs, so machines whose speed wanders show differences that are none.
+//   benchmark_report ALL.json ALL.md [--compare=OLD.json]... FILE.json...
+// Each FILE is of --benchmark_out; rows that several have are turns, and the one of the median time counts. With
+// --compare, a column says how many times as fast each row is as in results of before: the median over turns, the n-th
+// of one beside the n-th of the other, with the least and the most where there are several. Rows that were slower in
+// every turn by 3 % are listed. Figures of two runs that did not take turns show differences that are none, as machines
+// wander.
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <map>
@@ -42,58 +46,115 @@ bool is_shown(const Json& row) {
   return row.contains("real_time") && (!repeated || row.value("aggregate_name", "") == "median");
 }
 
-std::map<std::string, double> times_of(const Json& all) {
-  std::map<std::string, double> times;
-  for (const Json& row : all.at("benchmarks")) times[row.at("name").get<std::string>()] = milliseconds(row);
+constexpr double kSlower = 0.97;  // times as fast as before, or less: the same program differs by as much
+
+// Milliseconds of every row, a turn after the other.
+using Times = std::map<std::string, std::vector<double>>;
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const std::size_t middle = values.size() / 2;
+  return values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2.0;
+}
+
+std::vector<Json> shown_rows(const std::string& file) {
+  const Json json = anigen::read_json(file);
+  if (!json.is_object() || !json.contains("benchmarks"))
+    throw anigen::InputError(file, "benchmarks", "not the JSON of a benchmark");
+  std::vector<Json> rows;
+  for (const Json& row : json.at("benchmarks")) {
+    if (is_shown(row)) rows.push_back(row);
+  }
+  return rows;
+}
+
+// Of each name, in the order of their first turns, the row whose time is the median, or the upper one of two.
+Json median_rows(const std::vector<Json>& rows) {
+  std::vector<std::string> names;
+  std::map<std::string, std::vector<Json>> turns;
+  for (const Json& row : rows) {
+    const std::string name = row.at("name").get<std::string>();
+    if (turns[name].empty()) names.push_back(name);
+    turns[name].push_back(row);
+  }
+  Json medians = Json::array();
+  for (const std::string& name : names) {
+    std::vector<Json>& list = turns[name];
+    std::sort(list.begin(), list.end(), [](const Json& a, const Json& b) { return milliseconds(a) < milliseconds(b); });
+    medians.push_back(list[list.size() / 2]);
+  }
+  return medians;
+}
+
+Times times_of(const std::vector<Json>& rows) {
+  Times times;
+  for (const Json& row : rows) times[row.at("name").get<std::string>()].push_back(milliseconds(row));
   return times;
 }
 
-std::string table(const Json& all, const std::map<std::string, double>& before) {
-  std::string text = "| benchmark | ms | of the matrix product | peak GB |";
+// Time of before over the time now, turn by turn; empty for a row that is new.
+std::vector<double> speedups(const std::vector<double>& now, const std::vector<double>& before) {
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < std::min(now.size(), before.size()); ++i) ratios.push_back(before[i] / now[i]);
+  return ratios;
+}
+
+std::string speedup_text(const std::vector<double>& ratios) {
+  if (ratios.empty()) return "";
+  const std::string text = number(median(ratios), 2);
+  if (ratios.size() == 1) return text;
+  const auto [least, most] = std::minmax_element(ratios.begin(), ratios.end());
+  return text + " (" + number(*least, 2) + " to " + number(*most, 2) + ")";
+}
+
+std::string table(const Json& rows, const Times& times, const Times& before) {
+  std::string text = "| benchmark | ms | of the matrix product | peak GB |", slower;
   text += before.empty() ? "\n|---|--:|--:|--:|\n" : " times as fast as before |\n|---|--:|--:|--:|--:|\n";
-  for (const Json& row : all.at("benchmarks")) {
+  for (const Json& row : rows) {
     const std::string name = row.at("name").get<std::string>();
-    const double now = milliseconds(row);
+    const double now = median(times.at(name));
     text += "| " + name + " | " + number(now, now < 10.0 ? 3 : 1) + " | " + share(row) + " | " +
             (row.contains("peak_gigabytes") ? number(row.at("peak_gigabytes").get<double>(), 2) : "") + " |";
-    const auto old = before.find(name);
-    if (!before.empty()) text += (old == before.end() ? " " : " " + number(old->second / now, 2)) + " |";
+    if (!before.empty()) {
+      const auto old = before.find(name);
+      const std::vector<double> ratios =
+          old == before.end() ? std::vector<double>() : speedups(times.at(name), old->second);
+      text += " " + speedup_text(ratios) + " |";
+      const bool in_every_turn = ratios.size() > 1 && *std::max_element(ratios.begin(), ratios.end()) < kSlower;
+      if (in_every_turn) slower += "- " + name + ": " + speedup_text(ratios) + "\n";
+    }
     text += "\n";
   }
-  return text;
+  return slower.empty() ? text : text + "\nSlower in every turn, by 3 % and more:\n\n" + slower;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) try {
   const std::string flag = "--compare=";
-  std::vector<std::string> files;
-  std::string compared;
+  std::vector<std::string> files, compared;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     if (word.compare(0, flag.size(), flag) == 0) {
-      compared = word.substr(flag.size());
+      compared.push_back(word.substr(flag.size()));
     } else {
       files.push_back(word);
     }
   }
   if (files.size() < 3) {
-    std::fprintf(stderr, "usage: benchmark_report ALL.json ALL.md [--compare=OLD.json] FILE.json...\n");
+    std::fprintf(stderr, "usage: benchmark_report ALL.json ALL.md [--compare=OLD.json]... FILE.json...\n");
     return 2;
   }
-  Json all = {{"benchmarks", Json::array()}};
+  std::vector<Json> turns, before;
   for (std::size_t i = 2; i < files.size(); ++i) {
-    const Json json = anigen::read_json(files[i]);
-    if (!json.is_object() || !json.contains("benchmarks"))
-      throw anigen::InputError(files[i], "benchmarks", "not the JSON of a benchmark");
-    for (const Json& row : json.at("benchmarks")) {
-      if (is_shown(row)) all["benchmarks"].push_back(row);
-    }
+    for (const Json& row : shown_rows(files[i])) turns.push_back(row);
   }
-  const std::map<std::string, double> before =
-      compared.empty() ? std::map<std::string, double>() : times_of(anigen::read_json(compared));
-  const std::string text = table(all, before);
-  anigen::write_file_atomically(files[0], all.dump(2) + "\n");
+  for (const std::string& file : compared) {
+    for (const Json& row : shown_rows(file)) before.push_back(row);
+  }
+  const Json rows = median_rows(turns);
+  const std::string text = table(rows, times_of(turns), times_of(before));
+  anigen::write_file_atomically(files[0], Json{{"benchmarks", rows}}.dump(2) + "\n");
   anigen::write_file_atomically(files[1], text);
   std::printf("%s", text.c_str());
   return 0;

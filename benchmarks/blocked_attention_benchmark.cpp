@@ -9,8 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/log.h"
-#include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
@@ -62,11 +60,8 @@ Tensor plain(const Tensor& q, const Tensor& k, const Tensor& v) { return anigen:
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::start_timing(argc, argv);
   if (!flags) return 2;
-  anigen::keep_freed_memory();  // as the programs do
-  at::set_num_threads(anigen::thread_count());
-  torch::manual_seed(0);
   std::vector<TimedTask> tasks;
   tasks.push_back(anigen::product_task());  // what the others are shares of
   tasks.push_back(forward_task("plain_forward", kPlainHeads, plain));

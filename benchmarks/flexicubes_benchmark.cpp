@@ -20,6 +20,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/core/files.h"
+#include "anigen/core/openblas.h"
 #include "anigen/core/parallel.h"
 #include "benchmarks/plain_flexicubes.h"
 
@@ -193,6 +194,7 @@ bool read_settings(int argc, char** argv, Settings& settings) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  anigen::start_with_openblas_core(argv);  // as the programs do
   Settings settings;
   if (!read_settings(argc, argv, settings)) {
     std::fprintf(stderr,

@@ -11,6 +11,7 @@
 // on the voxels given, so that reading weights, normals of the picture and finishing of the mesh are not in it.
 #include "anigen/core/config.h"
 #include "anigen/core/log.h"
+#include "anigen/core/openblas.h"
 #include "anigen/generate/asset_generator.h"
 #include "anigen/sparse_structure/autoencoder.h"
 #include "anigen/sparse_structure/flow.h"
@@ -302,6 +303,7 @@ class Generation {
 }  // namespace
 
 int main(int argc, char** argv) {
+  anigen::start_with_openblas_core(argv);  // as the programs do
   Settings settings;
   for (int i = 1; i < argc; ++i) {
     if (settings.read(argv[i])) continue;

@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "benchmarks/benchmark_flags.h"
 #include "benchmarks/timed_tasks.h"
@@ -45,11 +44,9 @@ TimedTask on_threads(TimedTask task, int threads) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::start_timing(argc, argv);
   if (!flags) return 2;
-  anigen::keep_freed_memory();
   const int all = anigen::thread_count();
-  at::set_num_threads(all);
   std::vector<TimedTask> tasks;
   for (int threads = all; threads > 0; threads = threads > 1 ? 1 : 0) {
     tasks.push_back(on_threads(anigen::product_task(), threads));

@@ -13,6 +13,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/core/files.h"
+#include "anigen/core/log.h"
 #include "anigen/core/parallel.h"
 #include "anigen/nn/profile.h"
 #include "anigen/nn/torch.h"
@@ -62,10 +63,9 @@ inline void fill_with_pattern(torch::nn::Module& model) {
   }
 }
 
-/// Steps with a large product before and after each, in fp32 beside 8-bit weights, so that both see the same machine.
-inline Timed time_steps(int steps, torch::Dtype dtype, const std::function<void()>& step) {
+/// Steps with a large product before and after each, so that both see the same machine. @param type of the product
+inline Timed time_steps(int steps, torch::Dtype type, const std::function<void()>& step) {
   constexpr std::int64_t kProductSide = 2048;
-  const torch::Dtype type = dtype == torch::kInt8 ? torch::kFloat32 : dtype;
   const Tensor a = torch::ones({kProductSide, kProductSide}, type), b = torch::ones_like(a);
   Tensor c = torch::empty_like(a);
   const auto product = [&] { at::mm_out(c, a, b); };
@@ -155,6 +155,7 @@ struct FlowSettings {
 inline int run_flow_benchmark(const std::string& family, const FlowSettings& settings,
                               const std::function<void(torch::Dtype, Json&)>& run) {
   try {
+    keep_freed_memory();  // as the programs do
     at::set_num_threads(settings.threads > 0 ? settings.threads : thread_count());
     Json list = Json::array();
     for (const torch::Dtype dtype : settings.dtypes) run(dtype, list);

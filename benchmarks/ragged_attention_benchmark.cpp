@@ -13,8 +13,6 @@
 #include <string>
 #include <vector>
 
-#include "anigen/core/log.h"
-#include "anigen/core/parallel.h"
 #include "anigen/nn/attention.h"
 #include "anigen/nn/ragged_attention.h"
 #include "anigen/sparse/support.h"
@@ -147,11 +145,8 @@ void describe(const char* what, const Windows& windows) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::start_timing(argc, argv);
   if (!flags) return 2;
-  anigen::keep_freed_memory();  // as the programs do
-  at::set_num_threads(anigen::thread_count());
-  torch::manual_seed(0);
   std::vector<TimedTask> tasks;
   tasks.push_back(anigen::product_task());  // what the others are shares of
   const Windows small(kSmallGrid, kFewHeads), large(kGrid, kHeads);

@@ -16,8 +16,6 @@
 #include <utility>
 #include <vector>
 
-#include "anigen/core/log.h"
-#include "anigen/core/parallel.h"
 #include "anigen/sparse/blocks.h"
 #include "anigen/sparse/convolution.h"
 #include "benchmarks/benchmark_flags.h"
@@ -136,11 +134,8 @@ void add_subdivided(std::vector<TimedTask>& tasks, std::int64_t width) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::optional<anigen::BenchmarkFlags> flags = anigen::benchmark_flags(argc, argv);
+  const std::optional<anigen::BenchmarkFlags> flags = anigen::start_timing(argc, argv);
   if (!flags) return 2;
-  anigen::keep_freed_memory();  // as the programs do
-  at::set_num_threads(anigen::thread_count());
-  torch::manual_seed(0);
   std::vector<TimedTask> tasks;
   tasks.push_back(anigen::product_task());                           // what the others are shares of
   const int product = anigen::add_product(tasks, torch::kBFloat16);  // and those in bf16

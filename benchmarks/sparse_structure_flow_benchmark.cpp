@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "anigen/core/openblas.h"
 #include "anigen/sparse_structure/flow.h"
 #include "benchmarks/model_timing.h"
 #include "benchmarks/plain_sparse_structure_flow.h"
@@ -58,7 +59,7 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
 
   anigen::sparse_structure::Velocity ours, plain;
   const auto step = [&] { ours = model->forward(x, x_skl, t, cond); };
-  const Timed timed = time_steps(settings.steps, dtype, step);
+  const Timed timed = time_steps(settings.steps, model->compute_dtype(), step);
   report_step(kFamily, type, timed, flop.total(), list);
   if (settings.profile) print_profile(step);
   if (settings.plain_steps == 0 || dtype == torch::kInt8) return;  // the plain model needs the weights themselves
@@ -87,6 +88,7 @@ bool read_settings(int argc, char** argv, Settings& settings) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  anigen::start_with_openblas_core(argv);  // as the programs do
   Settings settings;
   settings.steps = 3;
   if (!read_settings(argc, argv, settings)) {

@@ -10,6 +10,7 @@
 #include "anigen/asset/rigged_asset.h"
 #include "anigen/core/config.h"
 #include "anigen/core/log.h"
+#include "anigen/core/openblas.h"
 #include "anigen/creatures/body.h"
 #include "anigen/data/voxel_files.h"
 #include "anigen/geometry/nearest_surface.h"
@@ -172,6 +173,7 @@ void run(const Settings& settings, anigen::Json& list) {
 }  // namespace
 
 int main(int argc, char** argv) try {
+  anigen::start_with_openblas_core(argv);  // as the programs do
   Settings settings;
   for (int i = 1; i < argc; ++i) {
     if (settings.read(argv[i])) continue;

@@ -5,6 +5,7 @@
 //   [--steps=2]
 //                                    [--threads=N] [--profile] [--benchmark_out=FILE]
 // Voxel files are those of a dataset at 64³ (voxels/<id>.ply). Without --fp32 and --bf16 it takes bf16.
+#include "anigen/core/openblas.h"
 #include "anigen/structured_latent/flow.h"
 #include "benchmarks/ellipsoid_voxels.h"
 #include "benchmarks/flow_voxels.h"
@@ -74,7 +75,7 @@ void run(torch::Dtype dtype, const Settings& settings, anigen::Json& list) {
               static_cast<long long>(x_skl.support->size()), flop.total() / 1e12);
   std::fflush(stdout);
   const auto step = [&] { model->forward(x, x_skl, t, cond); };
-  const Timed timed = time_steps(settings.steps, dtype, step);
+  const Timed timed = time_steps(settings.steps, model->compute_dtype(), step);
   report_step(kFamily, type, timed, flop.total(), list);
   if (settings.profile) print_profile(step);
   std::printf("25 guided steps at this rate: %.0f min\n", 50 * timed.seconds / 60);
@@ -95,6 +96,7 @@ bool read_settings(int argc, char** argv, Settings& settings) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  anigen::start_with_openblas_core(argv);  // as the programs do
   Settings settings;
   settings.steps = 2;
   if (!read_settings(argc, argv, settings)) {

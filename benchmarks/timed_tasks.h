@@ -1,4 +1,6 @@
 #pragma once
+#include <ATen/Parallel.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
@@ -13,10 +15,21 @@
 #include "anigen/core/config.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
+#include "anigen/core/parallel.h"
 #include "anigen/nn/torch.h"
 #include "benchmarks/benchmark_flags.h"
 
 namespace anigen {
+
+/// First call of main(): flags, and threads, memory and random numbers as the programs have them, with a fixed seed.
+/// @return nothing for wrong flags
+inline std::optional<BenchmarkFlags> start_timing(int argc, char** argv) {
+  const std::optional<BenchmarkFlags> flags = benchmark_flags(argc, argv);
+  keep_freed_memory();
+  at::set_num_threads(thread_count());
+  torch::manual_seed(0);
+  return flags;
+}
 
 /// Some work of a benchmark whose figures are shares of the machine's matrix-product rate.
 struct TimedTask {

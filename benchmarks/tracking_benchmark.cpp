@@ -12,6 +12,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/openblas.h"
 #include "anigen/core/table.h"
 #include "anigen/core/text.h"
 #include "anigen/io/gltf/gltf.h"
@@ -262,6 +263,7 @@ std::vector<std::string> row_of(const Outcome& one) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  anigen::start_with_openblas_core(argv);  // as the programs do
   std::map<std::string, std::string> given = {{"assets", "../shared/assets"},
                                               {"rigs", "../shared/rigs"},
                                               {"only", ""},

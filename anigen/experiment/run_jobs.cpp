@@ -316,17 +316,22 @@ std::string input_fingerprint(const fs::path& path) {
 std::string program_fingerprint(const fs::path& program) {
   static std::map<std::string, std::string> known;  // by path, size and time
   std::error_code error;
-  const fs::path module = program.parent_path().parent_path() / "lib" / "anigen" / "anigen-torch.so";
-  // A change to networks must not make whole datasets anew: the steps of a preparation have versions of their own.
-  const bool loads = program.filename() != "anigen-prepare" && fs::exists(module, error);
-  const std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "") +
-                            (loads ? input_fingerprint(module) : "");
+  std::vector<fs::path> modules;
+  for (const char* name : {"anigen-torch.so", "anigen-opencv.so"}) {
+    // A change to networks must not make whole datasets anew: the steps of a preparation have versions of their own.
+    if (program.filename() == "anigen-prepare" && std::string(name) == "anigen-torch.so") continue;
+    const fs::path module = program.parent_path().parent_path() / "lib" / "anigen" / name;
+    if (fs::exists(module, error)) modules.push_back(module);
+  }
+  std::string state = program.string() + (fs::exists(program, error) ? input_fingerprint(program) : "");
+  for (const fs::path& module : modules) state += input_fingerprint(module);
   const auto found = known.find(state);
   if (found != known.end()) return found->second;
   if (!fs::is_regular_file(program, error))
     throw InputError(program.string(), "", "no such program; build it, or name its folder with --programs");
-  const std::string own = sha256(code_of(read_file(program)));
-  return known[state] = loads ? sha256(own + sha256(code_of(read_file(module)))) : own;
+  std::string code = sha256(code_of(read_file(program)));
+  for (const fs::path& module : modules) code = sha256(code + sha256(code_of(read_file(module))));
+  return known[state] = code;
 }
 
 void JobRecord::fields(ConfigFields& f) {

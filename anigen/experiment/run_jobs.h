@@ -16,10 +16,10 @@ namespace anigen::experiment {
 /// @throws InputError when there is nothing at that path
 std::string input_fingerprint(const std::filesystem::path& path);
 
-/// SHA-256 of a program file and of the module that it loads, ../lib/anigen/anigen-torch.so, where there is one
-/// (apps/common/torch_half.h); but for the commit that they were built of (core/version.h) and the linker's own digest
-/// of them: a commit that leaves the code as it was leaves this as it was. Read again only when a file's size or time
-/// has changed. @throws InputError when the program is not there
+/// SHA-256 of a program file and of the modules that it may load, anigen-torch.so (apps/common/torch_half.h) and
+/// anigen-opencv.so (io/opencv_module.h) in ../lib/anigen, where they are; but for the commit that they were built of
+/// (core/version.h) and the linker's own digest of them: a commit that leaves the code as it was leaves this as it was.
+/// Read again only when a file's size or time has changed. @throws InputError when the program is not there
 std::string program_fingerprint(const std::filesystem::path& program);
 
 /// Record of a job that was begun: records/<id>.json, beside its log records/<id>.log.

@@ -2,10 +2,12 @@
 
 #include <ATen/Parallel.h>
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/linear.h"
 
 namespace anigen::nn {
@@ -15,83 +17,92 @@ namespace {
 constexpr std::int64_t kInt8Rows = 48;        // rounded and multiplied at a time: with a panel they stay in the cache
 constexpr std::int64_t kBlocksPerThread = 2;  // fewer blocks of rows than that, and threads share the columns
 
+// @tparam Number float, or bf16 numbers as their 16 bits
+template <typename Number>
 struct Int8Product {
-  const float* x;
+  const Number* x;
   std::int64_t stride, rows;
   const kernels::Int8Matrix& weight;
-  const float* bias;  // nullptr: none
-  float* out;
+  const float* bias;  // [columns, padded to whole panels]
+  Number* out;        // [rows, columns]
+
+  std::int64_t blocks() const { return (rows + kInt8Rows - 1) / kInt8Rows; }
+  std::int64_t rows_of(std::int64_t block) const { return std::min(kInt8Rows, rows - block * kInt8Rows); }
+
+  void round_block(std::int64_t block, kernels::Int8Rows& rounded) const {
+    kernels::round_rows_to_int8(x + block * kInt8Rows * stride, rows_of(block), weight.depth, stride, rounded);
+  }
+
+  void multiply_panel(const kernels::Int8Rows& rounded, std::int64_t block, std::int64_t panel, float* tile) const {
+    const std::int64_t column = panel * kernels::kInt8PanelColumns;
+    kernels::multiply_int8(rounded, rows_of(block), weight, panel, tile);
+    kernels::add_bias_to_panel(tile, rows_of(block), std::min(kernels::kInt8PanelColumns, weight.columns - column),
+                               bias + column, out + block * kInt8Rows * weight.columns + column, weight.columns);
+  }
 };
 
-// Columns of one panel for rounded rows that begin at row `first` of the product.
-void multiply_panel_int8(const Int8Product& product, const kernels::Int8Rows& rounded, std::int64_t first,
-                         std::int64_t count, std::int64_t panel, float* tile) {
-  constexpr std::int64_t kWidth = kernels::kInt8PanelColumns;
-  const std::int64_t columns = product.weight.columns, column = panel * kWidth;
-  const std::int64_t width = std::min(kWidth, columns - column);
-  kernels::multiply_int8(rounded, count, product.weight, panel, tile);
-  for (std::int64_t r = 0; r < count; ++r) {
-    const float* from = tile + r * kWidth;
-    float* to = product.out + (first + r) * columns + column;
-    if (product.bias == nullptr) {
-      std::copy_n(from, width, to);
-    } else {
-      for (std::int64_t c = 0; c < width; ++c) to[c] = from[c] + product.bias[column + c];
-    }
-  }
-}
+constexpr auto kTileNumbers = static_cast<std::size_t>(kInt8Rows * kernels::kInt8PanelColumns);
 
-void multiply_blocks(const Int8Product& product, std::int64_t blocks) {
-  at::parallel_for(0, blocks, 1, [&](std::int64_t begin, std::int64_t end) {
+// Threads share the rows.
+template <typename Number>
+void multiply_blocks(const Int8Product<Number>& product) {
+  at::parallel_for(0, product.blocks(), 1, [&](std::int64_t begin, std::int64_t end) {
     kernels::Int8Rows rounded;
-    std::vector<float> tile(static_cast<std::size_t>(kInt8Rows * kernels::kInt8PanelColumns));
-    for (std::int64_t first = begin * kInt8Rows; first < std::min(product.rows, end * kInt8Rows); first += kInt8Rows) {
-      const std::int64_t count = std::min(kInt8Rows, product.rows - first);
-      kernels::round_rows_to_int8(product.x + first * product.stride, count, product.weight.depth, product.stride,
-                                  rounded);
+    kernels::AlignedVector<float> tile(kTileNumbers);
+    for (std::int64_t block = begin; block < end; ++block) {
+      product.round_block(block, rounded);
       for (std::int64_t panel = 0; panel < product.weight.panels(); ++panel)
-        multiply_panel_int8(product, rounded, first, count, panel, tile.data());
+        product.multiply_panel(rounded, block, panel, tile.data());
     }
   });
 }
 
-void multiply_panels(const Int8Product& product, std::int64_t blocks) {
-  std::vector<kernels::Int8Rows> rounded(static_cast<std::size_t>(blocks));
-  for (std::int64_t b = 0; b < blocks; ++b) {
-    const std::int64_t first = b * kInt8Rows, count = std::min(kInt8Rows, product.rows - first);
-    kernels::round_rows_to_int8(product.x + first * product.stride, count, product.weight.depth, product.stride,
-                                rounded[static_cast<std::size_t>(b)]);
-  }
+// Threads share the columns.
+template <typename Number>
+void multiply_panels(const Int8Product<Number>& product) {
+  std::vector<kernels::Int8Rows> rounded(static_cast<std::size_t>(product.blocks()));
+  for (std::int64_t b = 0; b < product.blocks(); ++b) product.round_block(b, rounded[static_cast<std::size_t>(b)]);
   at::parallel_for(0, product.weight.panels(), 1, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<float> tile(static_cast<std::size_t>(kInt8Rows * kernels::kInt8PanelColumns));
-    for (std::int64_t b = 0; b < blocks; ++b) {
-      const std::int64_t first = b * kInt8Rows, count = std::min(kInt8Rows, product.rows - first);
+    kernels::AlignedVector<float> tile(kTileNumbers);
+    for (std::int64_t b = 0; b < product.blocks(); ++b) {
       for (std::int64_t panel = begin; panel < end; ++panel)
-        multiply_panel_int8(product, rounded[static_cast<std::size_t>(b)], first, count, panel, tile.data());
+        product.multiply_panel(rounded[static_cast<std::size_t>(b)], b, panel, tile.data());
     }
   });
+}
+
+template <typename Number>
+void multiply(const Int8Product<Number>& product) {
+  if (product.blocks() >= kBlocksPerThread * at::get_num_threads()) {
+    multiply_blocks(product);
+  } else {
+    multiply_panels(product);
+  }
 }
 
 }  // namespace
 
 Tensor int8_linear(const Tensor& x, const kernels::Int8Matrix& weight, const Tensor& bias) {
   TORCH_CHECK(!(at::GradMode::is_enabled() && x.requires_grad()), "8-bit weights record no gradient");
-  TORCH_CHECK(x.is_cpu() && dtype_of(x) == torch::kFloat32 && x.size(-1) == weight.depth,
-              "a layer of 8-bit weights of ", weight.depth, " channels: input ", x.sizes());
+  const torch::Dtype dtype = dtype_of(x);
+  TORCH_CHECK(x.is_cpu() && (dtype == torch::kFloat32 || dtype == torch::kBFloat16) && x.size(-1) == weight.depth,
+              "a layer of 8-bit weights of ", weight.depth, " channels: input ", x.sizes(), " of ", x.dtype());
   Tensor rows = x.reshape({-1, weight.depth});
   if (rows.stride(1) != 1) rows = rows.contiguous();
   std::vector<std::int64_t> shape = x.sizes().vec();
   shape.back() = weight.columns;
-  const Tensor out = torch::empty({rows.size(0), weight.columns}, x.options()),
-               start = bias.defined() ? bias.to(torch::kFloat32).contiguous() : Tensor();
-  const Int8Product product{
-      rows.data_ptr<float>(), rows.stride(0), rows.size(0), weight, start.defined() ? start.data_ptr<float>() : nullptr,
-      out.data_ptr<float>()};
-  const std::int64_t blocks = (product.rows + kInt8Rows - 1) / kInt8Rows;
-  if (blocks >= kBlocksPerThread * at::get_num_threads()) {
-    multiply_blocks(product, blocks);
-  } else if (blocks > 0) {
-    multiply_panels(product, blocks);
+  const Tensor out = torch::empty({rows.size(0), weight.columns}, x.options());
+  std::vector<float> start(static_cast<std::size_t>(weight.padded_columns()), 0.0F);
+  if (bias.defined()) {
+    const Tensor wide = bias.detach().to(torch::kFloat32).contiguous();
+    std::copy_n(wide.data_ptr<float>(), weight.columns, start.begin());
+  }
+  if (dtype == torch::kFloat32) {
+    multiply(Int8Product<float>{rows.data_ptr<float>(), rows.stride(0), rows.size(0), weight, start.data(),
+                                out.data_ptr<float>()});
+  } else {
+    multiply(Int8Product<std::uint16_t>{bf16_bits(rows), rows.stride(0), rows.size(0), weight, start.data(),
+                                        bf16_bits(out)});
   }
   return out.view(shape);
 }
@@ -104,7 +115,9 @@ std::int64_t quantize_linears(torch::nn::Module& module) {
         linear->weight.size(1) < kFewestInt8Width)
       continue;
     if (!linear->weight.is_cpu()) throw NotSupportedError("", "", "8-bit weights on a GPU; use bf16 or fp16");
-    if (!torch::isfinite(linear->weight).all().item<bool>())
+    // Without a tensor of the weight's size, which would leave holes between those that stay.
+    const Tensor weight = linear->weight.detach();
+    if (!std::isfinite(weight.min().item<float>()) || !std::isfinite(weight.max().item<float>()))
       throw InputError("", item.key() + ".weight", "a number is not finite");
     linear->quantize();
     ++rounded;

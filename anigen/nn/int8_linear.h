@@ -5,9 +5,8 @@
 namespace anigen::nn {
 
 /// x wᵀ + b with weights of 8-bit integers and rows rounded to such as they are multiplied
-/// (nn/kernels/int8_products.h). For sampling: records no gradient. @param x [..., in] fp32 in CPU memory @param bias
-/// [out] or undefined
-/// @return [..., out] fp32
+/// (nn/kernels/int8_products.h), summed in fp32. For sampling: records no gradient. @param x [..., in] fp32 or bf16 in
+/// CPU memory @param bias [out] or undefined @return [..., out] of the dtype of x
 Tensor int8_linear(const Tensor& x, const kernels::Int8Matrix& weight, const Tensor& bias);
 
 /// Rounds the weights of all linear layers below a module whose widths are both at least kFewestInt8Width to 8-bit

@@ -7,6 +7,7 @@
 #include "anigen/core/kernel_form.h"
 #include "anigen/nn/int8_linear.h"
 #include "anigen/nn/kernels/activations.h"
+#include "anigen/nn/kernels/aligned_vector.h"
 #include "anigen/nn/kernels/mixed_products.h"
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/profile.h"
@@ -100,7 +101,7 @@ Tensor padded(const Tensor& matrix) {
 Tensor mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, std::int64_t width, const float* bias) {
   const std::int64_t rows = x.size(0), in_width = x.size(1), stride = x.stride(0);
   const std::int64_t depth = padded(in_width), columns = padded(width);
-  std::vector<std::uint16_t> packed(static_cast<std::size_t>(depth * columns));
+  kernels::AlignedVector<std::uint16_t> packed(static_cast<std::size_t>(depth * columns));
   kernels::pack_mixed(matrix, depth, columns, packed.data());
   std::vector<float> start(static_cast<std::size_t>(columns), 0.0F);
   if (bias != nullptr) std::copy_n(bias, width, start.begin());
@@ -108,8 +109,8 @@ Tensor mixed_product(const Tensor& x, const kernels::StridedMatrix& matrix, std:
   const float* in = x.data_ptr<float>();
   float* to = out.data_ptr<float>();
   at::parallel_for(0, (rows + kMixedRows - 1) / kMixedRows, 1, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<std::uint16_t> rounded(static_cast<std::size_t>(kMixedRows * depth), 0);
-    std::vector<float> wide(static_cast<std::size_t>(columns == width ? 0 : kMixedRows * columns));
+    kernels::AlignedVector<std::uint16_t> rounded(static_cast<std::size_t>(kMixedRows * depth), 0);
+    kernels::AlignedVector<float> wide(static_cast<std::size_t>(columns == width ? 0 : kMixedRows * columns));
     for (std::int64_t first = begin * kMixedRows; first < std::min(rows, end * kMixedRows); first += kMixedRows) {
       const std::int64_t count = std::min(kMixedRows, rows - first);
       float* const sums = columns == width ? to + first * width : wide.data();

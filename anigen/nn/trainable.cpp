@@ -4,8 +4,10 @@
 #include <utility>
 
 #include "anigen/core/error.h"
+#include "anigen/core/log.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/int8_linear.h"
+#include "anigen/nn/kernels/tiles.h"
 
 namespace anigen::nn {
 
@@ -124,9 +126,19 @@ void FreezableModel::cast(const std::vector<std::string>& names, torch::Dtype dt
 void FlowModel::set_compute_dtype(torch::Dtype dtype) {
   if (dtype == torch::kHalf && !torso_weight_.is_cuda())
     throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
-  if (dtype != torch::kInt8) return set_torso_dtype(dtype);
+  if (dtype == torch::kInt8) {
+    quantize_torso();
+  } else {
+    set_torso_dtype(dtype);
+  }
+  release_freed_memory();  // of the weights as they were
+}
+
+void FlowModel::quantize_torso() {
+  if (torso_weight_.is_cuda()) throw NotSupportedError("", "", "8-bit weights on a GPU; use bf16 or fp16");
   const auto modules = named_modules();
   for (const std::string& name : parts_.torso) quantize_linears(*modules[name]);
+  if (kernels::has_bf16_products()) set_torso_dtype(torch::kBFloat16);
 }
 
 void FlowModel::check_conditions(const Tensor& t, const Tensor& cond, std::int64_t batch, std::int64_t channels) {

@@ -68,7 +68,8 @@ class FlowModel : public FreezableModel {
  public:
   /// Converts the linears and convolutions of the torso in place (docs/reference/autoencoders.md, 1.4); forward() casts
   /// its inputs where they enter it. Call it before an optimiser takes over the parameters. With int8 the linears alone
-  /// get 8-bit weights, for good (nn/int8_linear.h), and compute in fp32 outside of their products.
+  /// get 8-bit weights, for good (nn/int8_linear.h); all else computes in bf16 where kernels multiply such numbers
+  /// (has_bf16_products()), elsewhere in fp32.
   /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice, and for int8 on a GPU
   void set_compute_dtype(torch::Dtype dtype);
   torch::Dtype compute_dtype() const { return dtype_of(torso_weight_); }
@@ -81,6 +82,9 @@ class FlowModel : public FreezableModel {
                                std::int64_t channels);
 
   torch::Tensor torso_weight_;  ///< any linear weight of the torso: its dtype is the compute dtype
+
+ private:
+  void quantize_torso();
 };
 
 /// Latent of an encoder, with the posterior that it was drawn from.

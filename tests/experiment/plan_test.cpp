@@ -142,17 +142,19 @@ TEST_F(ExperimentPlan, TheCommitOfAProgramIsNotItsCode) {
   EXPECT_NE(before, key_of("code" + stamped("1111111111") + "more" + note + std::string(20, 'a') + "test"));
 }
 
-TEST_F(ExperimentPlan, CodeOfTheModuleThatProgramsLoadCounts) {
-  const fs::path module = folder_ / "lib/anigen/anigen-torch.so";
+TEST_F(ExperimentPlan, CodeOfTheModulesThatProgramsLoadCounts) {
   program("anigen-train", "code");
-  const auto key_with = [&](const std::string& bytes) {
-    fs::create_directories(module.parent_path());
-    std::ofstream(module, std::ios::binary) << bytes;
-    return job_of(plan(kTwoVariants), 0, "fit").key;
-  };
-  const std::string without = job_of(plan(kTwoVariants), 0, "fit").key, first = key_with("layers");
-  EXPECT_NE(without, first);
-  EXPECT_NE(first, key_with("other layers"));
+  for (const char* name : {"anigen-torch.so", "anigen-opencv.so"}) {
+    const fs::path module = folder_ / "lib/anigen" / name;
+    const auto key_with = [&](const std::string& bytes) {
+      fs::create_directories(module.parent_path());
+      std::ofstream(module, std::ios::binary) << bytes;
+      return job_of(plan(kTwoVariants), 0, "fit").key;
+    };
+    const std::string without = job_of(plan(kTwoVariants), 0, "fit").key, first = key_with("layers");
+    EXPECT_NE(without, first) << name;
+    EXPECT_NE(first, key_with("other layers")) << name;
+  }
 }
 
 TEST_F(ExperimentPlan, AChangeRenamesJustWhatDependsOnIt) {

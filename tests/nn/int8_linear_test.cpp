@@ -60,6 +60,30 @@ KERNEL_TEST(Int8Linear, MultipliesTheRoundedFactors) {
   }
 }
 
+// Integers and sums are those of fp32 rows; results are rounded once, where they are written.
+KERNEL_TEST(Int8Linear, RoundsResultsOfBfloat16RowsOnce) {
+  for (const Int8Sizes& size : kInt8Sizes) {
+    torch::manual_seed(size.rows);
+    const Tensor x = torch::randn({size.rows, size.in}).to(torch::kBFloat16);
+    const Tensor bias = torch::randn({size.out}).to(torch::kBFloat16);
+    const Int8Matrix matrix = int8_of(0.03 * torch::randn({size.out, size.in}));
+    const Tensor y = int8_linear(x, matrix, bias), wide = int8_linear(x.to(torch::kFloat32), matrix, bias);
+    ASSERT_EQ(y.scalar_type(), torch::kBFloat16);
+    ASSERT_EQ(wide.scalar_type(), torch::kFloat32);
+    EXPECT_TRUE(torch::equal(y, wide.to(torch::kBFloat16))) << size.rows << " x " << size.in << " x " << size.out;
+    EXPECT_EQ(int8_linear(x.slice(0, 0, 0), matrix, bias).sizes(), (std::vector<std::int64_t>{0, size.out}));
+  }
+}
+
+TEST(Int8Linear, TakesRowsThatAreColumnsOfAWiderTensor) {
+  torch::manual_seed(7);
+  const Int8Matrix matrix = int8_of(torch::randn({80, 128}));
+  for (const torch::Dtype dtype : {torch::kFloat32, torch::kBFloat16}) {
+    const Tensor x = torch::randn({50, 300}).to(dtype).slice(1, 100, 228);
+    EXPECT_TRUE(torch::equal(int8_linear(x, matrix, {}), int8_linear(x.contiguous(), matrix, {})));
+  }
+}
+
 TEST(Int8Linear, FormsAgreeToTheRoundingOfSums) {
   torch::manual_seed(2);
   const Tensor x = torch::randn({100, 512});
@@ -100,7 +124,12 @@ TEST(Int8Linear, HandlesZerosAndPassesOnWhatIsNotFinite) {
   EXPECT_EQ(y[0].abs().max().item<float>(), 0.0F);
   EXPECT_TRUE(torch::isnan(y[1]).all().item<bool>());
   EXPECT_FALSE(torch::isfinite(y[2]).any().item<bool>());
+  const Tensor narrow = int8_linear(x.to(torch::kBFloat16), int8_of(torch::ones({64, 128})), {});
+  EXPECT_TRUE(torch::equal(torch::isfinite(narrow), torch::isfinite(y)));
   EXPECT_NEAR(y[3][0].item<float>(), 128.0F, 0.01F);
+  // So small that 127 over it is no number: nothing, and not NaN.
+  EXPECT_EQ(int8_linear(torch::full({2, 128}, 1e-38F), int8_of(torch::ones({64, 128})), {}).abs().max().item<float>(),
+            0.0F);
   EXPECT_EQ(int8_linear(torch::zeros({0, 128}), int8_of(torch::ones({64, 128})), {}).sizes(),
             (std::vector<std::int64_t>{0, 64}));
 }

@@ -3,11 +3,13 @@
 #include <gtest/gtest.h>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/state_dict.h"
 #include "benchmarks/sparse_structure_flow_flops.h"
 #include "tests/sparse_structure/golden_statistics.h"
 #include "tests/sparse_structure/torso_dtype.h"
 #include "tests/sparse_structure/wave_fill.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::sparse_structure {
 namespace {
@@ -213,17 +215,20 @@ TEST(SparseStructureFlow, TorsoComputesInBfloat16) {
   EXPECT_THROW(model->set_compute_dtype(torch::kHalf), NotSupportedError);
 }
 
-TEST(SparseStructureFlow, EightBitWeightsOfTheTorsoStayNear) {
+KERNEL_TEST(SparseStructureFlow, EightBitWeightsOfTheTorsoStayNear) {
   SparseStructureFlowOptions options = tiny_flow_options();
   options.model_channels = options.model_channels_skl = 64;
+  options.use_lora_ss = true;
   SparseStructureFlow model = filled_flow(options);
   const Velocity exact = run_flow(model);
   model->set_compute_dtype(torch::kInt8);
   const auto parameters = model->named_parameters();
   EXPECT_EQ(parameters["blocks.0.self_attn.to_qkv.weight"].numel(), 0);
   EXPECT_GT(parameters["input_layer.weight"].numel(), 0) << "no part of the torso";
-  EXPECT_EQ(model->compute_dtype(), torch::kFloat32);
+  const bool bf16 = nn::kernels::has_bf16_products();
+  EXPECT_EQ(model->compute_dtype(), bf16 ? torch::kBFloat16 : torch::kFloat32);
   const Velocity rounded = run_flow(model);
+  EXPECT_EQ(rounded.shape.scalar_type(), torch::kFloat32);
   // Rounding leaves about a hundredth of each product, and residual connections pass the rest on.
   EXPECT_LT(((rounded.shape - exact.shape).norm() / exact.shape.norm()).item<double>(), 0.02);
   EXPECT_LT(((rounded.skeleton - exact.skeleton).norm() / exact.skeleton.norm()).item<double>(), 0.02);

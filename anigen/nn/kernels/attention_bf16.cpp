@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "anigen/nn/kernels/aligned_vector.h"
 #include "anigen/nn/kernels/bf16_products.h"
 #include "anigen/nn/kernels/heads.h"
 #include "anigen/nn/kernels/mixed_products.h"
@@ -416,7 +417,7 @@ Tensor cpu_bf16_attention(const Tensor& q, const Tensor& k, const Tensor& v, Ten
   const auto scale = static_cast<float>(1.0 / std::sqrt(static_cast<double>(channels)));
   const std::int64_t blocks = (queries + kBf16QueryBlock - 1) / kBf16QueryBlock;
   at::parallel_for(0, all * blocks, 1, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<float> scratch(static_cast<std::size_t>(bf16_scratch_floats(channels)));
+    kernels::AlignedVector<float> scratch(static_cast<std::size_t>(bf16_scratch_floats(channels)));
     products::RowsAhead nothing;
     for (std::int64_t item = begin; item < end; ++item) {
       const std::int64_t head = item / blocks, first = item % blocks * kBf16QueryBlock;

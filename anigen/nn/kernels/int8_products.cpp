@@ -4,8 +4,10 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "anigen/core/kernel_form.h"
+#include "anigen/nn/kernels/rows.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #define ANIGEN_INT8_X86 1
@@ -76,23 +78,82 @@ ANIGEN_KERNEL(void, wide_group,
   }
 }
 
-ANIGEN_KERNEL(void, round_group, (const float* x, std::int64_t count, std::uint8_t* values, float* scale),
-              (x, count, values, scale)) {
-  float largest = 0.0F, not_finite = 0.0F;
+// One group of a row; what is missing of it gets the integer of 0.
+template <typename Number>
+ANIGEN_INLINE void round_group(const Number* x, std::int64_t count, std::uint8_t* values, float& scale) {
+  alignas(64) float scratch[kInt8Group];
+  const float* wide = widened(x, count, scratch);
+  // Floats without their signs are ordered as their bits, and compilers reorder a largest integer.
+  constexpr std::int32_t kWithoutSign = 0x7FFFFFFF, kInfinity = 0x7F800000;
+  std::int32_t largest_bits = 0;
   for (std::int64_t i = 0; i < count; ++i) {
-    const float size = x[i] < 0.0F ? -x[i] : x[i];
-    largest = size > largest ? size : largest;
-    not_finite += x[i] - x[i];  // NaN for NaN and infinity
+    const std::int32_t bits = bits_as<std::int32_t>(wide[i]) & kWithoutSign;
+    largest_bits = bits > largest_bits ? bits : largest_bits;
   }
-  *scale = int8_scale(largest) + not_finite;
-  const float factor = largest > 0.0F ? kInt8Largest / largest : 0.0F;
+  const auto largest = bits_as<float>(largest_bits);
+  float factor = 0.0F;
+  scale = largest_bits < kInfinity ? 0.0F : std::numeric_limits<float>::quiet_NaN();
+  if (largest >= kSmallestInt8 && largest_bits < kInfinity) {
+    factor = kInt8Largest / largest;
+    scale = int8_scale(largest);
+  }
   for (std::int64_t i = 0; i < count; ++i) {
     // The magic number's last bit is 1: adding it rounds to the nearest integer, ties to even.
     constexpr float kMagic = 12582912.0F;
-    const float rounded = x[i] * factor + kMagic;
-    std::int32_t bits = 0;
-    std::memcpy(&bits, &rounded, sizeof bits);
-    values[i] = static_cast<std::uint8_t>(bits + kInt8Middle);
+    constexpr std::uint32_t kMiddle = kInt8Middle;
+    values[i] = static_cast<std::uint8_t>(bits_as<std::uint32_t>(wide[i] * factor + kMagic) + kMiddle);
+  }
+  for (std::int64_t i = count; i < kInt8Group; ++i) values[i] = static_cast<std::uint8_t>(kInt8Middle);
+}
+
+// Those that begin at x of all rows.
+template <typename Number>
+ANIGEN_INLINE void round_groups_of(const Number* x, std::int64_t rows, std::int64_t count, std::int64_t stride,
+                                   std::uint8_t* values, float* scales) {
+  for (std::int64_t r = 0; r < rows; ++r) {
+    if (count == kInt8Group) {
+      round_group(x + r * stride, kInt8Group, values + r * kInt8Group, scales[r]);
+    } else {
+      round_group(x + r * stride, count, values + r * kInt8Group, scales[r]);
+    }
+  }
+}
+
+ANIGEN_KERNEL(void, round_groups,
+              (const float* x, std::int64_t rows, std::int64_t count, std::int64_t stride, std::uint8_t* values,
+               float* scales),
+              (x, rows, count, stride, values, scales)) {
+  round_groups_of(x, rows, count, stride, values, scales);
+}
+
+ANIGEN_KERNEL(void, round_bf16_groups,
+              (const std::uint16_t* x, std::int64_t rows, std::int64_t count, std::int64_t stride, std::uint8_t* values,
+               float* scales),
+              (x, rows, count, stride, values, scales)) {
+  round_groups_of(x, rows, count, stride, values, scales);
+}
+
+template <typename Number, typename RoundGroups>
+void round_all_groups(const Number* x, std::int64_t rows, std::int64_t depth, std::int64_t stride, Int8Rows& rounded,
+                      const RoundGroups& round) {
+  const std::int64_t groups = (depth + kInt8Group - 1) / kInt8Group;
+  rounded.values.resize(static_cast<std::size_t>(groups * rows * kInt8Group));
+  rounded.scales.resize(static_cast<std::size_t>(groups * rows));
+  for (std::int64_t g = 0; g < groups; ++g) {
+    const std::int64_t first = g * kInt8Group;
+    round(x + first, rows, std::min(kInt8Group, depth - first), stride, rounded.values.data() + g * rows * kInt8Group,
+          rounded.scales.data() + g * rows);
+  }
+}
+
+template <typename Number>
+ANIGEN_INLINE void add_bias(const float* panel, std::int64_t rows, std::int64_t columns, const float* bias, Number* out,
+                            std::int64_t stride) {
+  for (std::int64_t r = 0; r < rows; ++r, panel += kInt8PanelColumns, out += stride) {
+    alignas(64) float scratch[kInt8PanelColumns];
+    float* const wide = wide_row(out, scratch);
+    for (std::int64_t c = 0; c < columns; ++c) wide[c] = panel[c] + bias[c];
+    round_row(wide, columns, out);
   }
 }
 
@@ -219,17 +280,26 @@ void widen_int8(const Int8Matrix& matrix, float* weight) {
 }
 
 void round_rows_to_int8(const float* x, std::int64_t rows, std::int64_t depth, std::int64_t stride, Int8Rows& rounded) {
-  const std::int64_t groups = (depth + kInt8Group - 1) / kInt8Group;
-  rounded.values.resize(static_cast<std::size_t>(groups * rows * kInt8Group));
-  rounded.scales.resize(static_cast<std::size_t>(groups * rows));
-  for (std::int64_t g = 0; g < groups; ++g) {
-    const std::int64_t first = g * kInt8Group, count = std::min(kInt8Group, depth - first);
-    for (std::int64_t r = 0; r < rows; ++r) {
-      std::uint8_t* values = rounded.values.data() + (g * rows + r) * kInt8Group;
-      round_group(x + r * stride + first, count, values, rounded.scales.data() + g * rows + r);
-      std::fill(values + count, values + kInt8Group, static_cast<std::uint8_t>(kInt8Middle));
-    }
-  }
+  round_all_groups(x, rows, depth, stride, rounded, round_groups);
+}
+
+void round_rows_to_int8(const std::uint16_t* x, std::int64_t rows, std::int64_t depth, std::int64_t stride,
+                        Int8Rows& rounded) {
+  round_all_groups(x, rows, depth, stride, rounded, round_bf16_groups);
+}
+
+ANIGEN_KERNEL(void, add_bias_to_panel,
+              (const float* panel, std::int64_t rows, std::int64_t columns, const float* bias, float* out,
+               std::int64_t stride),
+              (panel, rows, columns, bias, out, stride)) {
+  add_bias(panel, rows, columns, bias, out, stride);
+}
+
+ANIGEN_KERNEL(void, add_bias_to_panel,
+              (const float* panel, std::int64_t rows, std::int64_t columns, const float* bias, std::uint16_t* out,
+               std::int64_t stride),
+              (panel, rows, columns, bias, out, stride)) {
+  add_bias(panel, rows, columns, bias, out, stride);
 }
 
 void multiply_int8(const Int8Rows& x, std::int64_t rows, const Int8Matrix& matrix, std::int64_t panel, float* out) {
