@@ -154,8 +154,9 @@ Json flow_args(const std::string& name, const Settings& settings) {
 template <typename Model, typename Options>
 Model patterned(const Options& options, torch::Dtype dtype) {
   Model model(options, nn::Init::kNone);
-  fill_with_pattern(*model);
-  if (dtype != torch::kFloat32) model->set_compute_dtype(dtype);
+  // Each weight is converted when it has its numbers, as a file's are that the programs read.
+  fill_with_pattern(*model, dtype == torch::kFloat32 ? nullptr : model->conversion(dtype));
+  release_freed_memory();
   return model;
 }
 

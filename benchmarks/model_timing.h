@@ -47,19 +47,18 @@ inline double peak_gigabytes() {
 }
 
 /// Cheap values in place of an initialisation: a sine pattern, and ones for norms.
-inline void fill_with_pattern(torch::nn::Module& model) {
+inline void fill_with_pattern(torch::nn::Module& model,
+                              const std::function<void(const std::string& key)>& filled = {}) {
   const Tensor pattern = 0.03 * torch::sin(0.37 * torch::arange(1 << 20, torch::kFloat64)).to(torch::kFloat32);
   for (const auto& item : model.named_parameters()) {
     Tensor flat = item.value().detach().view({-1});
     const bool norm = item.key().find("norm") != std::string::npos && item.key().find("bias") == std::string::npos;
-    if (norm) {
-      flat.fill_(1.0);
-      continue;
-    }
-    for (std::int64_t done = 0; done < flat.size(0); done += pattern.size(0)) {
+    if (norm) flat.fill_(1.0);
+    for (std::int64_t done = 0; !norm && done < flat.size(0); done += pattern.size(0)) {
       const std::int64_t count = std::min(pattern.size(0), flat.size(0) - done);
       flat.narrow(0, done, count).copy_(pattern.narrow(0, 0, count));
     }
+    if (filled) filled(item.key());
   }
 }
 

@@ -336,6 +336,7 @@ std::map<std::string, Target> targets() {
        [](const std::string& bytes) {
          const std::string path = as_file(bytes, ".safetensors");
          also([&] { io::read_safetensors_metadata(path); });
+         also([&] { io::read_state_dict(path); });
          io::read_safetensors(path);
        }},
       {"text_rig", read_text_rig},

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "anigen/asset/rigged_asset.h"
+#include "anigen/core/log.h"
 #include "anigen/data/datasets.h"
 #include "anigen/data/latent_files.h"
 #include "anigen/data/metadata.h"
@@ -135,8 +136,13 @@ class FlowGenerator {
     reading_ = Reading::read(args, request.pictures);
     ConfigReader trainer_args = top.object("trainer").object("args");
     training_ = Training::read(trainer_args);
-    model_ = nn::load_trained<Model>(flow_, device_);
-    if (request.precision != torch::kFloat32) model_->set_compute_dtype(request.precision);
+    model_ = nn::model_without_weights<Model>(flow_);
+    const bool converts = request.precision != torch::kFloat32, on_cpu = device_.is_cpu();
+    // On a CPU each weight as soon as it is read: the flows take up to 4.6 GB in fp32.
+    nn::load_trained_weights(*model_, flow_, device_,
+                             converts && on_cpu ? model_->conversion(request.precision) : nn::LoadedKey());
+    if (converts && !on_cpu) model_->set_compute_dtype(request.precision);
+    if (converts) release_freed_memory();
   }
 
   torch::Device device_;

@@ -107,22 +107,17 @@ Tensor int8_linear(const Tensor& x, const kernels::Int8Matrix& weight, const Ten
   return out.view(shape);
 }
 
-std::int64_t quantize_linears(torch::nn::Module& module) {
-  std::int64_t rounded = 0;
-  for (const auto& item : module.named_modules()) {
-    auto* const linear = dynamic_cast<LinearImpl*>(item.value().get());
-    if (linear == nullptr || linear->is_quantized() || linear->weight.size(0) < kFewestInt8Width ||
-        linear->weight.size(1) < kFewestInt8Width)
-      continue;
-    if (!linear->weight.is_cpu()) throw NotSupportedError("", "", "8-bit weights on a GPU; use bf16 or fp16");
-    // Without a tensor of the weight's size, which would leave holes between those that stay.
-    const Tensor weight = linear->weight.detach();
-    if (!std::isfinite(weight.min().item<float>()) || !std::isfinite(weight.max().item<float>()))
-      throw InputError("", item.key() + ".weight", "a number is not finite");
-    linear->quantize();
-    ++rounded;
-  }
-  return rounded;
+bool quantizes(const LinearImpl& linear) {
+  return !linear.is_quantized() && linear.weight.size(0) >= kFewestInt8Width &&
+         linear.weight.size(1) >= kFewestInt8Width;
+}
+
+void quantize(LinearImpl& linear, const std::string& key) {
+  // Without a tensor of the weight's size, which would leave holes between those that stay.
+  const Tensor weight = linear.weight.detach();
+  if (!std::isfinite(weight.min().item<float>()) || !std::isfinite(weight.max().item<float>()))
+    throw InputError("", key, "a number is not finite");
+  linear.quantize();
 }
 
 }  // namespace anigen::nn

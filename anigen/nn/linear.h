@@ -27,8 +27,7 @@ class LinearImpl : public torch::nn::Module {
   /// @param x [..., in] of the dtype of the weight @return [..., out]
   Tensor forward(const Tensor& x);
 
-  /// Rounds the weight to 8-bit integers, for good (see quantize_linears()). The parameter keeps its dtype and no
-  /// numbers.
+  /// Rounds the weight to 8-bit integers, for good (see nn::quantize()). The parameter keeps its dtype and no numbers.
   void quantize();
   bool is_quantized() const { return quantized_ != nullptr; }
 

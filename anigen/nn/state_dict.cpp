@@ -49,6 +49,12 @@ void check_strict(const LoadReport& report, const std::string& source) {
   if (!problem.empty()) throw InputError(source, "", "these are not the weights of this model: " + problem);
 }
 
+void check_shape(const StateEntry& entry, const io::NdArray& array, const std::string& source) {
+  if (entry.tensor.sizes() == torch::IntArrayRef(array.shape)) return;
+  throw InputError(source, entry.key,
+                   "the file has shape " + shape_text(array.shape) + ", the model " + shape_text(entry.tensor.sizes()));
+}
+
 bool lies_below(const std::string& key, const std::string& module) {
   return key.size() > module.size() && key.compare(0, module.size(), module) == 0 && key[module.size()] == '.';
 }
@@ -71,11 +77,7 @@ LoadReport load_arrays(torch::nn::Module& module, Arrays& arrays, LoadMode mode,
       continue;
     }
     used.insert(entry.key);
-    if (entry.tensor.sizes() != torch::IntArrayRef(found->second->shape)) {
-      throw InputError(
-          source, entry.key,
-          "the file has shape " + shape_text(found->second->shape) + ", the model " + shape_text(entry.tensor.sizes()));
-    }
+    check_shape(entry, *found->second, source);
     torch_dtype(found->second->dtype);  // refuses what a tensor cannot hold before anything is written
     copies.emplace_back(entry.tensor, found->second);
   }
@@ -154,6 +156,46 @@ LoadReport load_state_dict(torch::nn::Module& module, io::NamedArrays&& arrays, 
                            const std::string& source) {
   return load_arrays(module, arrays, mode, source,
                      [](io::NdArray& array) { std::vector<std::uint8_t>().swap(array.bytes); });
+}
+
+void load_state_file(torch::nn::Module& module, const fs::path& file, const LoadedKey& loaded) {
+  const std::string source = file.string();
+  const std::vector<StateEntry> entries = state_entries(module);
+  std::unordered_map<std::string, const StateEntry*> by_key;
+  for (const StateEntry& entry : entries) by_key[entry.key] = &entry;
+
+  LoadReport report;
+  const torch::NoGradGuard no_grad;
+  io::visit_state_dict(file, [&](const std::string& key, io::NdArray&& array) {
+    const auto found = by_key.find(key);
+    if (found == by_key.end()) {
+      report.unexpected.push_back(key);
+      return;
+    }
+    const StateEntry& entry = *found->second;
+    by_key.erase(found);
+    check_shape(entry, array, source);
+    try {
+      torch_dtype(array.dtype);  // refuses what to_tensor() would widen
+      Tensor(entry.tensor).copy_(to_tensor(array));
+      std::vector<std::uint8_t>().swap(array.bytes);
+      if (loaded) loaded(key);
+    } catch (const InputError& error) {
+      throw InputError(source, key, error.problem());
+    }
+  });
+  for (const StateEntry& entry : entries) {
+    if (by_key.count(entry.key) > 0) report.missing.push_back(entry.key);
+  }
+  check_strict(report, source);
+}
+
+void load_trained_weights(torch::nn::Module& model, const RunModel& found, torch::Device device,
+                          const LoadedKey& loaded) {
+  load_state_file(model, found.checkpoint, loaded);
+  for (const Tensor& parameter : model.parameters()) Tensor(parameter).requires_grad_(false);
+  model.to(device);
+  model.eval();
 }
 
 std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,

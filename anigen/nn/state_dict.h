@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -56,6 +57,14 @@ LoadReport load_state_dict(torch::nn::Module& module, const io::NamedArrays& arr
 LoadReport load_state_dict(torch::nn::Module& module, io::NamedArrays&& arrays, LoadMode mode,
                            const std::string& source = "");
 
+/// Takes the key of a tensor that has been read.
+using LoadedKey = std::function<void(const std::string& key)>;
+
+/// load_state_dict() from a file (io::read_state_dict()), strictly, one tensor in memory at a time: a model of
+/// gigabytes then needs no second copy. @param loaded called for every tensor once it is in the model, which it may
+/// convert to another dtype @throws InputError as load_state_dict(); the model is then of no use
+void load_state_file(torch::nn::Module& module, const std::filesystem::path& file, const LoadedKey& loaded = {});
+
 /// The dtype that each entry has in the published system: fp16 for the parameters of Linear and convolution layers
 /// below one of the named modules ("skin_decoder.blocks_skin") and for parameters that are named themselves, fp32 for
 /// every other floating-point entry. Differs from the tensor's own dtype where we compute in fp32, as on a CPU
@@ -110,16 +119,25 @@ RunModel find_flow_model(const std::filesystem::path& run, const std::vector<std
 std::filesystem::path newest_checkpoint(const std::filesystem::path& folder, const std::string& model,
                                         bool averaged = true);
 
+/// Loads a model of a run for use, strictly: evaluation mode, nothing asks for gradients. @param loaded as
+/// load_state_file() @throws InputError when the weights do not fit
+void load_trained_weights(torch::nn::Module& model, const RunModel& found, torch::Device device,
+                          const LoadedKey& loaded = {});
+
+/// A model of a run, without weights. @tparam Model a holder with options() @param found by find_run_model()
+/// @throws InputError when arguments do not fit
+template <typename Model>
+Model model_without_weights(const RunModel& found) {
+  using Options = std::decay_t<decltype(std::declval<Model&>()->options())>;
+  return Model(Options::from_json(found.args, found.config.string(), found.pointer), Init::kNone);
+}
+
 /// A trained model for use: weights loaded strictly, in fp32, evaluation mode, nothing asks for gradients.
-/// @param found by find_run_model() @throws InputError when arguments or weights do not fit
+/// @throws InputError when arguments or weights do not fit
 template <typename Model>
 Model load_trained(const RunModel& found, torch::Device device) {
-  using Options = std::decay_t<decltype(std::declval<Model&>()->options())>;
-  Model model(Options::from_json(found.args, found.config.string(), found.pointer), Init::kNone);
-  load_state_dict(*model, io::read_state_dict(found.checkpoint), LoadMode::kStrict, found.checkpoint.string());
-  for (const torch::Tensor& parameter : model->parameters()) torch::Tensor(parameter).requires_grad_(false);
-  model->to(device);
-  model->eval();
+  Model model = model_without_weights<Model>(found);
+  load_trained_weights(*model, found, device);
   return model;
 }
 

@@ -1,6 +1,7 @@
 #include "anigen/nn/trainable.h"
 
 #include <algorithm>
+#include <unordered_map>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -14,6 +15,7 @@ namespace anigen::nn {
 namespace {
 
 constexpr char kTrainableMark[] = "lora";
+constexpr std::size_t kMostLeftBehind = std::size_t{1} << 28;  // bytes of weights that were converted
 
 void freeze_parameter(const std::string& path, torch::Tensor parameter) {
   if (path.find(kTrainableMark) == std::string::npos) parameter.set_requires_grad(false);
@@ -124,21 +126,48 @@ void FreezableModel::cast(const std::vector<std::string>& names, torch::Dtype dt
 }
 
 void FlowModel::set_compute_dtype(torch::Dtype dtype) {
-  if (dtype == torch::kHalf && !torso_weight_.is_cuda())
-    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
-  if (dtype == torch::kInt8) {
-    quantize_torso();
-  } else {
-    set_torso_dtype(dtype);
-  }
+  const auto convert = conversion(dtype);
+  for (const auto& item : named_parameters()) convert(item.key());
   release_freed_memory();  // of the weights as they were
 }
 
-void FlowModel::quantize_torso() {
-  if (torso_weight_.is_cuda()) throw NotSupportedError("", "", "8-bit weights on a GPU; use bf16 or fp16");
+std::function<void(const std::string& key)> FlowModel::conversion(torch::Dtype dtype) {
+  const bool int8 = dtype == torch::kInt8, cuda = torso_weight_.is_cuda();
+  if (dtype == torch::kHalf && !cuda)
+    throw NotSupportedError("", "", "fp16 on a CPU; use bf16, or move the model to a GPU first");
+  if (int8 && cuda) throw NotSupportedError("", "", "8-bit weights on a GPU; use bf16 or fp16");
+  const torch::Dtype rest = !int8 ? dtype : kernels::has_bf16_products() ? torch::kBFloat16 : torch::kFloat32;
+
+  struct Change {
+    Tensor parameter;
+    LinearImpl* rounded = nullptr;  // the layer whose weight it is, when that gets eight bits
+  };
+  auto changes = std::make_shared<std::unordered_map<std::string, Change>>();
   const auto modules = named_modules();
-  for (const std::string& name : parts_.torso) quantize_linears(*modules[name]);
-  if (kernels::has_bf16_products()) set_torso_dtype(torch::kBFloat16);
+  for (const std::string& name : parts_.torso) {
+    for (const auto& part : modules[name]->named_modules(name)) {
+      if (!is_linear_or_convolution(*part.value())) continue;
+      for (const auto& item : part.value()->named_parameters(/*recurse=*/false))
+        (*changes)[part.key() + "." + item.key()].parameter = item.value();
+      auto* const linear = part.value()->as<LinearImpl>();
+      if (int8 && linear != nullptr && quantizes(*linear)) (*changes)[part.key() + ".weight"].rounded = linear;
+    }
+  }
+  const auto own = named_parameters(/*recurse=*/false);
+  for (const std::string& name : parts_.torso_parameters) (*changes)[name].parameter = own[name];
+
+  return [changes, rest, left = std::size_t{0}](const std::string& key) mutable {
+    const auto found = changes->find(key);
+    if (found == changes->end()) return;
+    Tensor& parameter = found->second.parameter;
+    left += parameter.nbytes();
+    if (found->second.rounded != nullptr) quantize(*found->second.rounded, key);
+    parameter.set_data(parameter.data().to(rest));
+    // Freed memory stays with programs (keep_freed_memory()), and what one weight left seldom fits the next ones.
+    if (left < kMostLeftBehind) return;
+    release_freed_memory();
+    left = 0;
+  };
 }
 
 void FlowModel::check_conditions(const Tensor& t, const Tensor& cond, std::int64_t batch, std::int64_t channels) {

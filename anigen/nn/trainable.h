@@ -72,6 +72,10 @@ class FlowModel : public FreezableModel {
   /// (has_bf16_products()), elsewhere in fp32.
   /// @throws NotSupportedError for fp16 on a CPU, where bf16 is the choice, and for int8 on a GPU
   void set_compute_dtype(torch::Dtype dtype);
+  /// Does by the key of one parameter what set_compute_dtype() does to all: a model that is converted while it is read
+  /// (load_state_file()) never is in memory in fp32. Valid while the model lives and stays on its
+  /// device. @throws as set_compute_dtype()
+  std::function<void(const std::string& key)> conversion(torch::Dtype dtype);
   torch::Dtype compute_dtype() const { return dtype_of(torso_weight_); }
 
  protected:
@@ -82,9 +86,6 @@ class FlowModel : public FreezableModel {
                                std::int64_t channels);
 
   torch::Tensor torso_weight_;  ///< any linear weight of the torso: its dtype is the compute dtype
-
- private:
-  void quantize_torso();
 };
 
 /// Latent of an encoder, with the posterior that it was drawn from.

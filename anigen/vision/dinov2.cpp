@@ -367,9 +367,9 @@ io::NamedArrays to_hub_keys(io::NamedArrays arrays) {
 }
 
 void load_dinov2_weights(Dinov2& model, const std::filesystem::path& file) {
-  const io::NamedArrays arrays = to_hub_keys(io::read_state_dict(file));
+  io::NamedArrays arrays = to_hub_keys(io::read_state_dict(file));
   nn::check_weight_values(arrays, file.string());
-  nn::load_state_dict(*model, arrays, nn::LoadMode::kStrict, file.string());
+  nn::load_state_dict(*model, std::move(arrays), nn::LoadMode::kStrict, file.string());
   for (const Tensor& parameter : model->parameters()) parameter.requires_grad_(false);
   model->eval();
 }

@@ -148,32 +148,37 @@ TEST(Int8Linear, DoesNotDependOnTheNumberOfThreads) {
   }
 }
 
-TEST(Int8Linear, QuantizesTheWideLayersOfAModule) {
+Linear filled_linear(std::int64_t in, std::int64_t out) {
+  Linear layer(in, out);
+  for (const Tensor& parameter : layer->parameters()) torch::nn::init::normal_(parameter, 0.0, 0.05);
+  return layer;
+}
+
+TEST(Int8Linear, QuantizesWideLayersOnce) {
   torch::manual_seed(6);
-  torch::nn::ModuleList list;
-  const Linear wide(128, 256), narrow(128, 8);
-  list->push_back(wide);
-  list->push_back(narrow);
-  for (const Tensor& parameter : list->parameters()) torch::nn::init::normal_(parameter, 0.0, 0.05);
+  Linear wide = filled_linear(128, 256);
+  Linear narrow = filled_linear(128, 8);
   const torch::NoGradGuard no_grad;
-  const Tensor x = torch::randn({2, 9, 128});
-  const Tensor before = list[0]->as<LinearImpl>()->forward(x), narrow_before = list[1]->as<LinearImpl>()->forward(x);
-  EXPECT_EQ(quantize_linears(*list), 1);
-  EXPECT_EQ(quantize_linears(*list), 0) << "once is enough";
-  EXPECT_EQ(list[0]->as<LinearImpl>()->weight.numel(), 0);
-  const Tensor after = list[0]->as<LinearImpl>()->forward(x);
+  const Tensor x = torch::randn({2, 9, 128}), before = wide->forward(x);
+  EXPECT_FALSE(quantizes(*narrow));
+  ASSERT_TRUE(quantizes(*wide));
+  quantize(*wide, "weight");
+  EXPECT_FALSE(quantizes(*wide));
+  EXPECT_EQ(wide->weight.numel(), 0);
+  const Tensor after = wide->forward(x);
   EXPECT_EQ(after.sizes(), before.sizes());
   EXPECT_LT(((after - before).norm() / before.norm()).item<double>(), 0.02);
-  EXPECT_TRUE(torch::equal(list[1]->as<LinearImpl>()->forward(x), narrow_before));
 }
 
 TEST(Int8Linear, RefusesWeightsThatAreNotFinite) {
-  torch::nn::ModuleList list;
-  const Linear layer(64, 64);
-  list->push_back(layer);
-  for (const Tensor& parameter : list->parameters()) torch::nn::init::ones_(parameter);
-  list->parameters()[0].data()[3][4] = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_THROW(quantize_linears(*list), InputError);
+  Linear layer = filled_linear(64, 64);
+  layer->weight.data()[3][4] = std::numeric_limits<float>::quiet_NaN();
+  try {
+    quantize(*layer, "blocks.0.weight");
+    FAIL() << "no error";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.place(), "blocks.0.weight");
+  }
 }
 
 }  // namespace

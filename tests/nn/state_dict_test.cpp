@@ -2,6 +2,7 @@
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/init.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/state_dict.h"
@@ -104,6 +105,55 @@ TEST(StateDict, ConvertsToTheRunTimeDtype) {
       load_state_dict(*model, {{"scale", to_array(torch::full({3}, 0.5).to(torch::kHalf))}}, LoadMode::kNonStrict);
   EXPECT_EQ(model->scale.scalar_type(), torch::kFloat32);
   EXPECT_EQ(model->scale[2].item<float>(), 0.5F);
+}
+
+TEST(StateFile, ComesTensorByTensorAndNamesWhatIsWrong) {
+  const Small from;
+  {
+    const torch::NoGradGuard no_grad;
+    torch::nn::init::normal_(from->layer->weight);
+    from->steps.fill_(12);
+  }
+  const test::TemporaryFolder folder;
+  const auto file = folder / "model.safetensors";
+  io::NamedArrays arrays = state_dict(*from);
+  io::write_safetensors(file, arrays);
+  Small to;
+  std::vector<std::string> keys;
+  load_state_file(*to, file, [&](const std::string& key) {
+    keys.push_back(key);
+    if (key != "layer.weight") return;
+    EXPECT_TRUE(torch::equal(to->layer->weight, from->layer->weight)) << "its numbers are there by then";
+    to->layer->weight.set_data(to->layer->weight.data().to(torch::kBFloat16));
+  });
+  EXPECT_EQ(keys, keys_of(from));
+  EXPECT_EQ(to->layer->weight.scalar_type(), torch::kBFloat16);
+  EXPECT_EQ(to->steps.item<std::int64_t>(), 12);
+
+  const auto problem = [&](const LoadedKey& loaded = {}) {
+    try {
+      Small other;
+      load_state_file(*other, file, loaded);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("none");
+  };
+  const std::string name = file.string() + ": ";
+  EXPECT_EQ(problem([](const std::string& key) { throw InputError("", key, "a number is not finite"); }),
+            name + "scale: a number is not finite");
+  std::swap(arrays[0], arrays.back());
+  arrays[0].second = io::NdArray::from(std::vector<std::int64_t>(3, 1), {3});
+  arrays[0].second.dtype = io::Dtype::kU64;
+  io::write_safetensors(file, arrays);
+  EXPECT_EQ(problem(), name + "layer.bias: an array of uint64 cannot become a tensor");
+  arrays = state_dict(*from);
+  arrays[0].first = "other";
+  io::write_safetensors(file, arrays);
+  EXPECT_EQ(problem(), name + "these are not the weights of this model: missing scale; unexpected other");
+  arrays[0] = {"scale", to_array(torch::zeros({4}))};
+  io::write_safetensors(file, arrays);
+  EXPECT_EQ(problem(), name + "scale: the file has shape [4], the model [3]");
 }
 
 TEST(PublishedDtypes, HalfConcernsLinearsBelowTheNamedModules) {

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+
 #include "anigen/core/error.h"
+#include "anigen/io/arrays/safetensors.h"
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/state_dict.h"
 #include "benchmarks/sparse_structure_flow_flops.h"
@@ -10,6 +13,7 @@
 #include "tests/sparse_structure/torso_dtype.h"
 #include "tests/sparse_structure/wave_fill.h"
 #include "tests/support/kernel_forms.h"
+#include "tests/support/paths.h"
 
 namespace anigen::sparse_structure {
 namespace {
@@ -232,6 +236,40 @@ KERNEL_TEST(SparseStructureFlow, EightBitWeightsOfTheTorsoStayNear) {
   // Rounding leaves about a hundredth of each product, and residual connections pass the rest on.
   EXPECT_LT(((rounded.shape - exact.shape).norm() / exact.shape.norm()).item<double>(), 0.02);
   EXPECT_LT(((rounded.skeleton - exact.skeleton).norm() / exact.skeleton.norm()).item<double>(), 0.02);
+}
+
+// A model that is converted while its file is read computes the bits of one that is converted as a whole.
+KERNEL_TEST(SparseStructureFlow, IsConvertedWhileItIsRead) {
+  SparseStructureFlowOptions options = tiny_flow_options();
+  options.model_channels = options.model_channels_skl = 64;
+  const test::TemporaryFolder folder;
+  for (const torch::Dtype dtype : {torch::kBFloat16, torch::kInt8}) {
+    SparseStructureFlow whole = filled_flow(options), read(options, nn::Init::kNone);
+    io::write_safetensors(folder / "flow.safetensors", nn::state_dict(*whole));
+    nn::load_state_file(*read, folder / "flow.safetensors", read->conversion(dtype));
+    whole->set_compute_dtype(dtype);
+    EXPECT_EQ(read->compute_dtype(), whole->compute_dtype());
+    const Velocity a = run_flow(whole), b = run_flow(read);
+    EXPECT_TRUE(torch::equal(a.shape, b.shape)) << dtype;
+    EXPECT_TRUE(torch::equal(a.skeleton, b.skeleton)) << dtype;
+  }
+}
+
+TEST(SparseStructureFlow, NamesTheFileAndTheKeyOfAWeightThatEightBitsDoNotHold) {
+  SparseStructureFlowOptions options = tiny_flow_options();
+  options.model_channels = options.model_channels_skl = 64;
+  SparseStructureFlow model = filled_flow(options), read(options, nn::Init::kNone);
+  const std::string key = "blocks.1.self_attn.to_out.weight";
+  model->named_parameters()[key].data()[2][3] = std::numeric_limits<float>::infinity();
+  const test::TemporaryFolder folder;
+  const auto file = folder / "flow.safetensors";
+  io::write_safetensors(file, nn::state_dict(*model));
+  try {
+    nn::load_state_file(*read, file, read->conversion(torch::kInt8));
+    FAIL() << "no error";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.what(), file.string() + ": " + key + ": a number is not finite");
+  }
 }
 
 TEST(SparseStructureFlow, CheckpointingChangesMemoryAndNotGradients) {

@@ -50,24 +50,6 @@ std::pair<NdArray, NdArray> quantized(const NdArray& array, const std::string& f
   return {std::move(steps), NdArray::from<float>(scales, {array.shape.front()})};
 }
 
-// s q of every row.
-NdArray dequantized(const NdArray& array, const NdArray& scales, const std::string& file, const std::string& name) {
-  if (array.shape.empty() || scales.dtype != Dtype::kF32 || scales.shape != std::vector<std::int64_t>{array.shape[0]})
-    throw InputError(file, name + kRowScaleSuffix, "expected one float32 for each row of " + name);
-  const std::vector<float> of_rows = scales.as<float>();
-  std::vector<float> values;
-  values.reserve(array.bytes.size());
-  const std::size_t columns = of_rows.empty() ? 0 : array.bytes.size() / of_rows.size();
-  for (std::size_t row = 0; row < of_rows.size(); ++row) {
-    if (!std::isfinite(of_rows[row]) || of_rows[row] < 0.0F)
-      throw InputError(file, name + kRowScaleSuffix,
-                       "row " + std::to_string(row) + " has " + std::to_string(of_rows[row]));
-    for (std::size_t i = row * columns; i < (row + 1) * columns; ++i)
-      values.push_back(of_rows[row] * static_cast<float>(static_cast<std::int8_t>(array.bytes[i])));
-  }
-  return NdArray::from<float>(values, array.shape);
-}
-
 }  // namespace
 
 NdArray halved(const NdArray& array, const std::string& file, const std::string& name) {
@@ -99,20 +81,21 @@ NamedArrays quantize_rows(const NamedArrays& arrays, const std::string& file) {
   return result;
 }
 
-NamedArrays dequantize_rows(NamedArrays arrays, const std::string& file) {
-  std::vector<std::string> used;
-  for (auto& [name, array] : arrays) {
-    if (array.dtype != Dtype::kI8) continue;
-    const NdArray* scales = find(arrays, name + kRowScaleSuffix);
-    if (scales == nullptr) continue;
-    array = dequantized(array, *scales, file, name);
-    used.push_back(name + kRowScaleSuffix);
+NdArray dequantized(const NdArray& steps, const NdArray& scales, const std::string& file, const std::string& name) {
+  if (steps.shape.empty() || scales.dtype != Dtype::kF32 || scales.shape != std::vector<std::int64_t>{steps.shape[0]})
+    throw InputError(file, name + kRowScaleSuffix, "expected one float32 for each row of " + name);
+  const std::vector<float> of_rows = scales.as<float>();
+  std::vector<float> values;
+  values.reserve(steps.bytes.size());
+  const std::size_t columns = of_rows.empty() ? 0 : steps.bytes.size() / of_rows.size();
+  for (std::size_t row = 0; row < of_rows.size(); ++row) {
+    if (!std::isfinite(of_rows[row]) || of_rows[row] < 0.0F)
+      throw InputError(file, name + kRowScaleSuffix,
+                       "row " + std::to_string(row) + " has " + std::to_string(of_rows[row]));
+    for (std::size_t i = row * columns; i < (row + 1) * columns; ++i)
+      values.push_back(of_rows[row] * static_cast<float>(static_cast<std::int8_t>(steps.bytes[i])));
   }
-  arrays.erase(
-      std::remove_if(arrays.begin(), arrays.end(),
-                     [&](const auto& entry) { return std::find(used.begin(), used.end(), entry.first) != used.end(); }),
-      arrays.end());
-  return arrays;
+  return NdArray::from<float>(values, steps.shape);
 }
 
 }  // namespace anigen::io

@@ -16,9 +16,9 @@ inline constexpr const char* kRowScaleSuffix = ".row_scale";
 /// lacks
 NamedArrays quantize_rows(const NamedArrays& arrays, const std::string& file);
 
-/// The inverse: int8 arrays beside which scales lie become fp32, and the scales leave. Arrays without scales stay.
+/// The inverse, of one array: s q, fp32. @param steps q, int8 @param name of w, for messages
 /// @throws InputError for scales of another count or type than the rows, negative ones and such as are not finite
-NamedArrays dequantize_rows(NamedArrays arrays, const std::string& file);
+NdArray dequantized(const NdArray& steps, const NdArray& scales, const std::string& file, const std::string& name);
 
 /// An array of fp32 or fp64 in half precision; others as they are. @throws InputError for a value that is not finite or
 /// too large

@@ -27,11 +27,7 @@ constexpr int kMaxJsonDepth = 8;
 /// Sorted keys: with a header of up to 100 MB the linear look-ups of an ordered object would take days.
 using Header = nlohmann::json;
 
-struct Entry {
-  std::string name;
-  NdArray array;  // without bytes until read
-  std::uint64_t begin = 0, end = 0;
-};
+using Entry = SafetensorsReader::Entry;
 
 std::string byte(std::uint64_t offset) { return "byte " + std::to_string(offset); }
 
@@ -147,44 +143,6 @@ Header parse_header(const std::string& text, const std::string& file) {
   }
 }
 
-/// A file whose header has been read and checked.
-struct OpenFile {
-  std::ifstream in;
-  std::map<std::string, std::string> metadata;
-  std::vector<Entry> entries;
-  std::uint64_t data_start = 0;
-};
-
-OpenFile open_file(const std::filesystem::path& path) {
-  const std::string file = path.string();
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) throw InputError(file, "", "no such file");
-  const std::uint64_t file_bytes = std::filesystem::file_size(path, error);
-  OpenFile opened;
-  opened.in.open(path, std::ios::binary);
-  if (error || !opened.in) throw InputError(file, "", "cannot be opened");
-  if (file_bytes < kLengthBytes) throw InputError(file, byte(file_bytes), "ends inside the header length");
-  std::string length(kLengthBytes, '\0');
-  opened.in.read(length.data(), kLengthBytes);
-  const std::uint64_t header_bytes = little_endian(length);
-  if (header_bytes > kMaxHeaderBytes || header_bytes > file_bytes - kLengthBytes) {
-    throw InputError(file, byte(0),
-                     "header length " + std::to_string(header_bytes) +
-                         " exceeds the file or the format's limit; truncated, or no safetensors file");
-  }
-  std::string text(header_bytes, '\0');
-  opened.in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (!opened.in) throw InputError(file, byte(kLengthBytes), "the header cannot be read");
-  if (text.empty() || text[0] != '{') throw InputError(file, byte(kLengthBytes), "the header does not start with '{'");
-  const Header header = parse_header(text, file);
-
-  const HeaderReader reader(file, header_bytes, file_bytes);
-  opened.metadata = reader.metadata(header);
-  opened.entries = reader.entries(header);
-  opened.data_start = reader.data_start();
-  return opened;
-}
-
 std::string header_text(const std::string& file, const NamedArrays& tensors,
                         const std::map<std::string, std::string>& metadata) {
   Json header = Json::object();
@@ -214,25 +172,62 @@ std::string header_text(const std::string& file, const NamedArrays& tensors,
 
 }  // namespace
 
-SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::string& prefix) {
-  OpenFile opened = open_file(path);
-  SafetensorsFile result;
-  result.metadata = std::move(opened.metadata);
-  for (Entry& entry : opened.entries) {
-    if (entry.name.rfind(prefix, 0) != 0) continue;
-    const std::uint64_t begin = opened.data_start + entry.begin;
-    entry.array.bytes.resize(entry.end - entry.begin);
-    opened.in.seekg(static_cast<std::streamoff>(begin));
-    opened.in.read(reinterpret_cast<char*>(entry.array.bytes.data()),
-                   static_cast<std::streamsize>(entry.array.bytes.size()));
-    if (!opened.in) throw InputError(path.string(), byte(begin), "tensor '" + entry.name + "' cannot be read");
-    result.tensors.emplace_back(std::move(entry.name), std::move(entry.array));
+SafetensorsReader::SafetensorsReader(const std::filesystem::path& path) : path_(path) {
+  const std::string file = path.string();
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) throw InputError(file, "", "no such file");
+  const std::uint64_t file_bytes = std::filesystem::file_size(path, error);
+  in_.open(path, std::ios::binary);
+  if (error || !in_) throw InputError(file, "", "cannot be opened");
+  if (file_bytes < kLengthBytes) throw InputError(file, byte(file_bytes), "ends inside the header length");
+  std::string length(kLengthBytes, '\0');
+  in_.read(length.data(), kLengthBytes);
+  const std::uint64_t header_bytes = little_endian(length);
+  if (header_bytes > kMaxHeaderBytes || header_bytes > file_bytes - kLengthBytes) {
+    throw InputError(file, byte(0),
+                     "header length " + std::to_string(header_bytes) +
+                         " exceeds the file or the format's limit; truncated, or no safetensors file");
   }
+  std::string text(header_bytes, '\0');
+  in_.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!in_) throw InputError(file, byte(kLengthBytes), "the header cannot be read");
+  if (text.empty() || text[0] != '{') throw InputError(file, byte(kLengthBytes), "the header does not start with '{'");
+  const Header header = parse_header(text, file);
+
+  const HeaderReader reader(file, header_bytes, file_bytes);
+  metadata_ = reader.metadata(header);
+  entries_ = reader.entries(header);
+  data_start_ = reader.data_start();
+}
+
+std::vector<std::string> SafetensorsReader::names() const {
+  std::vector<std::string> names;
+  for (const Entry& entry : entries_) names.push_back(entry.name);
+  return names;
+}
+
+NdArray SafetensorsReader::read(std::size_t index) {
+  const Entry& entry = entries_[index];
+  NdArray array = entry.array;
+  array.bytes.resize(entry.end - entry.begin);
+  const std::uint64_t begin = data_start_ + entry.begin;
+  in_.seekg(static_cast<std::streamoff>(begin));
+  in_.read(reinterpret_cast<char*>(array.bytes.data()), static_cast<std::streamsize>(array.bytes.size()));
+  if (!in_) throw InputError(path_.string(), byte(begin), "tensor '" + entry.name + "' cannot be read");
+  return array;
+}
+
+SafetensorsFile read_safetensors(const std::filesystem::path& path) {
+  SafetensorsReader reader(path);
+  SafetensorsFile result;
+  result.metadata = reader.metadata();
+  const std::vector<std::string> names = reader.names();
+  for (std::size_t i = 0; i < names.size(); ++i) result.tensors.emplace_back(names[i], reader.read(i));
   return result;
 }
 
 std::map<std::string, std::string> read_safetensors_metadata(const std::filesystem::path& path) {
-  return open_file(path).metadata;
+  return SafetensorsReader(path).metadata();
 }
 
 void write_safetensors(const std::filesystem::path& path, const NamedArrays& tensors,

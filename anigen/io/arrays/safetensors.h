@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <string>
 #include <vector>
@@ -9,18 +10,42 @@
 
 namespace anigen::io {
 
+/// A safetensors file with its header read and checked; tensors are read one by one. Not for several threads at once.
+class SafetensorsReader {
+ public:
+  /// Checks header length, ranges, overlaps, gaps and dtypes. @throws InputError with the byte offset
+  explicit SafetensorsReader(const std::filesystem::path& path);
+
+  /// Names, in order of the offsets in the file.
+  std::vector<std::string> names() const;
+  const std::map<std::string, std::string>& metadata() const { return metadata_; }  ///< the "__metadata__" entry
+  Dtype dtype(std::size_t index) const { return entries_[index].array.dtype; }
+  /// @param index into names() @throws InputError when the file ends early
+  NdArray read(std::size_t index);
+
+  struct Entry {
+    std::string name;
+    NdArray array;                     ///< without bytes
+    std::uint64_t begin = 0, end = 0;  ///< in the data section
+  };
+
+ private:
+  std::filesystem::path path_;
+  std::ifstream in_;
+  std::map<std::string, std::string> metadata_;
+  std::vector<Entry> entries_;
+  std::uint64_t data_start_ = 0;
+};
+
 struct SafetensorsFile {
   NamedArrays tensors;                          ///< in order of their offsets in the file
   std::map<std::string, std::string> metadata;  ///< the "__metadata__" entry
 };
 
-/// Checks header length, ranges, overlaps, gaps and dtypes before reading. @param prefix only tensors whose names begin
-/// so are read @throws InputError with the byte offset
-SafetensorsFile read_safetensors(const std::filesystem::path& path, const std::string& prefix = {});
+/// All of a file. @throws InputError as SafetensorsReader
+SafetensorsFile read_safetensors(const std::filesystem::path& path);
 
-/// The "__metadata__" entry alone. Reads and checks the header, also against the size of the file, and none of the
-/// data.
-/// @throws InputError as read_safetensors()
+/// The "__metadata__" entry alone: none of the data is read. @throws InputError as SafetensorsReader
 std::map<std::string, std::string> read_safetensors_metadata(const std::filesystem::path& path);
 
 /// Atomic; equal input gives equal bytes. The data section starts at a multiple of 8 bytes, tensors follow each other

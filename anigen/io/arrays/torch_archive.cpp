@@ -121,7 +121,7 @@ class TorchStorages {
 
   /// Contiguous copies in the order of the leaves. @throws InputError for views beyond their storage and storages
   /// whose length disagrees with the pickle
-  NamedArrays materialize(const std::vector<TorchLeaf>& leaves) {
+  void visit(const std::vector<TorchLeaf>& leaves, const ArrayVisitor& visitor) {
     for (const TorchLeaf& leaf : leaves) {
       if (leaf.value->kind != Kind::kTensor) continue;
       const pickle::Value& storage = *leaf.value->items[0];
@@ -131,29 +131,22 @@ class TorchStorages {
       shared.dtype = storage.element.dtype;
       shared.count = storage.integer;
     }
-    NamedArrays arrays;
-    arrays.reserve(leaves.size());
-    for (const TorchLeaf& leaf : leaves) {
-      const pickle::Value& value = *leaf.value;
-      if (value.kind == Kind::kTensor) {
-        arrays.emplace_back(leaf.name, tensor(leaf));
-      } else if (value.kind == Kind::kBool) {
-        arrays.emplace_back(leaf.name, NdArray{Dtype::kBool, {}, {static_cast<std::uint8_t>(value.integer)}});
-      } else if (value.kind == Kind::kInt) {
-        arrays.emplace_back(leaf.name, NdArray::from<std::int64_t>({value.integer}, {}));
-      } else if (value.kind == Kind::kFloat) {
-        arrays.emplace_back(leaf.name, NdArray::from<double>({value.real}, {}));
-      } else {
-        if (!value.array) fail(leaf, "a numpy array without content");
-        if (value.array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
-        budget_ -= value.array->bytes.size();
-        arrays.emplace_back(leaf.name, *value.array);
-      }
-    }
-    return arrays;
+    for (const TorchLeaf& leaf : leaves) visitor(leaf.name, array(leaf));
   }
 
  private:
+  NdArray array(const TorchLeaf& leaf) {
+    const pickle::Value& value = *leaf.value;
+    if (value.kind == Kind::kTensor) return tensor(leaf);
+    if (value.kind == Kind::kBool) return {Dtype::kBool, {}, {static_cast<std::uint8_t>(value.integer)}};
+    if (value.kind == Kind::kInt) return NdArray::from<std::int64_t>({value.integer}, {});
+    if (value.kind == Kind::kFloat) return NdArray::from<double>({value.real}, {});
+    if (!value.array) fail(leaf, "a numpy array without content");
+    if (value.array->bytes.size() > budget_) fail(leaf, "the arrays exceed by far what the file holds");
+    budget_ -= value.array->bytes.size();
+    return *value.array;
+  }
+
   NdArray tensor(const TorchLeaf& leaf) {
     const pickle::Value& view = *leaf.value;
     const pickle::Value& storage = *view.items[0];
@@ -315,6 +308,29 @@ class PlainValues {
   std::size_t visits_ = 0;
 };
 
+// Tensors whose names begin with `prefix`; those in eight bits as fp32.
+void visit_safetensors(const std::filesystem::path& path, const std::string& prefix, const ArrayVisitor& visit) {
+  SafetensorsReader reader(path);
+  const std::vector<std::string> names = reader.names();
+  std::unordered_map<std::string, std::size_t> places;
+  for (std::size_t i = 0; i < names.size(); ++i) places[names[i]] = i;
+  std::unordered_map<std::size_t, std::size_t> scales;  // of arrays in eight bits
+  std::unordered_set<std::size_t> used;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto found = places.find(names[i] + kRowScaleSuffix);
+    if (reader.dtype(i) != Dtype::kI8 || found == places.end()) continue;
+    scales[i] = found->second;
+    used.insert(found->second);
+  }
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (names[i].rfind(prefix, 0) != 0 || used.count(i) > 0) continue;
+    const auto found = scales.find(i);
+    NdArray array = reader.read(i);
+    if (found != scales.end()) array = dequantized(array, reader.read(found->second), path.string(), names[i]);
+    visit(names[i], std::move(array));
+  }
+}
+
 }  // namespace
 
 const pickle::Value* find(const pickle::Value& dict, std::string_view key) {
@@ -329,13 +345,19 @@ TorchFile::TorchFile(const std::filesystem::path& path) : archive_(checked(path)
 }
 
 NamedArrays TorchFile::arrays(const pickle::Value& value, const std::string& prefix) const {
+  NamedArrays arrays;
+  visit(value, prefix, [&](const std::string& key, NdArray&& array) { arrays.emplace_back(key, std::move(array)); });
+  return arrays;
+}
+
+void TorchFile::visit(const pickle::Value& value, const std::string& prefix, const ArrayVisitor& visitor) const {
   const std::string folder = member_.name.substr(0, member_.name.size() - kPickleName.size());
   const NpyPlace here = place();
   Walker walker(here);
   walker.visit(value, "", 0);
   const auto unwanted = [&](const TorchLeaf& leaf) { return leaf.name.rfind(prefix, 0) != 0; };
   walker.leaves.erase(std::remove_if(walker.leaves.begin(), walker.leaves.end(), unwanted), walker.leaves.end());
-  return TorchStorages(archive_, folder, is_big_endian(archive_, folder)).materialize(walker.leaves);
+  TorchStorages(archive_, folder, is_big_endian(archive_, folder)).visit(walker.leaves, visitor);
 }
 
 NamedArrays read_torch_archive(const std::filesystem::path& path) {
@@ -353,31 +375,41 @@ TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const s
 }
 
 NamedArrays read_state_dict(const std::filesystem::path& path) {
-  const std::string extension = path.extension().string();
   NamedArrays state;
+  visit_state_dict(path, [&](const std::string& key, NdArray&& array) { state.emplace_back(key, std::move(array)); });
+  return state;
+}
+
+void visit_state_dict(const std::filesystem::path& path, const ArrayVisitor& visit) {
+  constexpr std::string_view kPrefix = "module.";
+  bool first = true, prefixed = false;
+  const ArrayVisitor without_prefix = [&](const std::string& key, NdArray&& array) {
+    if (first) prefixed = key.compare(0, kPrefix.size(), kPrefix) == 0;
+    first = false;
+    visit(prefixed ? key.substr(std::min(kPrefix.size(), key.size())) : key, std::move(array));
+  };
+  const std::string extension = path.extension().string();
   if (extension == ".safetensors") {
-    state = dequantize_rows(read_safetensors(path).tensors, path.string());
+    visit_safetensors(path, "", without_prefix);
   } else if (extension == ".pt" || extension == ".pth") {
-    state = read_torch_archive(path);
+    const TorchFile file(path);
+    file.visit(file.root(), "", without_prefix);
   } else {
     throw NotSupportedError(path.string(), "", "checkpoints other than .pt, .pth and .safetensors");
   }
-  constexpr std::string_view kPrefix = "module.";
-  if (!state.empty() && state.front().first.compare(0, kPrefix.size(), kPrefix) == 0) {
-    for (auto& entry : state) entry.first.erase(0, kPrefix.size());
-  }
-  return state;
 }
 
 NamedArrays read_state_below(const std::filesystem::path& path, const std::string& prefix) {
   NamedArrays state;
+  const ArrayVisitor keep = [&](const std::string& key, NdArray&& array) {
+    state.emplace_back(key.substr(prefix.size()), std::move(array));
+  };
   if (path.extension() == ".safetensors") {
-    state = dequantize_rows(read_safetensors(path, prefix).tensors, path.string());
+    visit_safetensors(path, prefix, keep);
   } else {
     const TorchFile file(path);
-    state = file.arrays(state_of(file), prefix);
+    file.visit(state_of(file), prefix, keep);
   }
-  for (auto& entry : state) entry.first.erase(0, prefix.size());
   return state;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 
@@ -31,9 +32,17 @@ struct TorchCheckpoint {
 ///   and dicts are kept, whatever else is in there becomes null @throws as read_torch_archive()
 TorchCheckpoint read_torch_checkpoint(const std::filesystem::path& path, const std::string& config_key);
 
+/// Takes the arrays of a file one after another.
+using ArrayVisitor = std::function<void(const std::string& key, NdArray&& array)>;
+
 /// A state dict from `.pt`/`.pth` or `.safetensors` by extension. When the first key starts with "module." those
-/// seven characters are dropped from every key (docs/reference/flows.md, 6.1).
+/// seven characters are dropped from every key (docs/reference/flows.md, 6.1). Weights in eight bits come as fp32
+/// (io/arrays/row_quantization.h). @throws as read_torch_archive()
 NamedArrays read_state_dict(const std::filesystem::path& path);
+
+/// read_state_dict() with one array in memory at a time, in the order of the file; of tensors that share a storage all
+/// of that. @throws as read_state_dict(), damage of an array when it is its turn
+void visit_state_dict(const std::filesystem::path& path, const ArrayVisitor& visit);
 
 /// The tensors whose keys begin with `prefix`, under their keys without it; others are not read, so that a part of a
 /// large model costs no more memory than itself. `.safetensors`, or whatever else torch.save wrote (`.pt`, `.pth`,
@@ -52,6 +61,8 @@ class TorchFile {
   /// ones whose path begins with `prefix`. @throws InputError for cycles, sharing that explodes, two values of one
   /// path, views beyond their storage and storages whose length disagrees with the pickle
   NamedArrays arrays(const pickle::Value& value, const std::string& prefix = {}) const;
+  /// arrays() one after another. Storages are described and shared as they should be, or nothing is visited.
+  void visit(const pickle::Value& value, const std::string& prefix, const ArrayVisitor& visitor) const;
 
  private:
   ZipReader archive_;

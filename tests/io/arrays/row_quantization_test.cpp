@@ -7,6 +7,9 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/io/arrays/safetensors.h"
+#include "anigen/io/arrays/torch_archive.h"
+#include "tests/support/paths.h"
 
 namespace anigen::io {
 namespace {
@@ -23,6 +26,13 @@ std::vector<float> row_values() {
   return values;
 }
 
+// By way of a file of weights.
+NamedArrays unpacked(const NamedArrays& packed) {
+  const test::TemporaryFolder folder;
+  write_safetensors(folder / "weights.safetensors", packed);
+  return read_state_dict(folder / "weights.safetensors");
+}
+
 TEST(RowQuantization, ComesBackWithinHalfAStepOfEveryRow) {
   const std::vector<float> values = row_values(), bias{1.5F, -0.25F, 3.0F};
   const NamedArrays packed =
@@ -31,7 +41,7 @@ TEST(RowQuantization, ComesBackWithinHalfAStepOfEveryRow) {
   EXPECT_EQ(packed[0].second.dtype, Dtype::kI8);
   EXPECT_EQ(packed[0].second.bytes.size(), values.size());
   EXPECT_EQ(find(packed, "bias")->dtype, Dtype::kF16) << "too small to pay";
-  const NamedArrays back = dequantize_rows(packed, "file");
+  const NamedArrays back = unpacked(packed);
   ASSERT_EQ(back.size(), 2u);
   const NdArray& weight = *find(back, "weight");
   EXPECT_EQ(weight.shape, (std::vector<std::int64_t>{kRows, 20, 25}));
@@ -47,7 +57,7 @@ TEST(RowQuantization, PacksHalvesThatWereExportedBefore) {
   const NdArray half = halved(NdArray::from(row_values(), {kRows, kColumns}), "file", "weight");
   const NamedArrays packed = quantize_rows({{"weight", half}}, "file");
   EXPECT_EQ(packed[0].second.dtype, Dtype::kI8);
-  EXPECT_NEAR(dequantize_rows(packed, "file")[0].second.as<float>()[3], row_values()[3], 0.6F * 1e-3F / 127.0F);
+  EXPECT_NEAR(unpacked(packed)[0].second.as<float>()[3], row_values()[3], 0.6F * 1e-3F / 127.0F);
 }
 
 TEST(RowQuantization, LeavesIntegersAndInt8WithoutScalesAlone) {
@@ -57,7 +67,7 @@ TEST(RowQuantization, LeavesIntegersAndInt8WithoutScalesAlone) {
   steps.bytes = {1, 2, 3, 255};
   const NamedArrays arrays{{"steps", steps},
                            {"rows", NdArray::from(std::vector<std::int64_t>(2000, 70000), {1000, 2})}};
-  const NamedArrays back = dequantize_rows(quantize_rows(arrays, "file"), "file");
+  const NamedArrays back = unpacked(quantize_rows(arrays, "file"));
   EXPECT_EQ(find(back, "steps")->bytes, steps.bytes);
   EXPECT_EQ(find(back, "rows")->as<std::int64_t>()[0], 70000);
 }
@@ -70,10 +80,10 @@ TEST(RowQuantization, RefusesWhatIsNotFiniteAndScalesThatDoNotFit) {
   for (const std::vector<float>& scales : {std::vector<float>{1.0F, 1.0F}, std::vector<float>{1.0F, -1.0F, 1.0F},
                                            std::vector<float>{1.0F, std::numeric_limits<float>::infinity(), 1.0F}}) {
     packed[1].second = NdArray::from(scales, {static_cast<std::int64_t>(scales.size())});
-    EXPECT_THROW(dequantize_rows(packed, "file"), InputError);
+    EXPECT_THROW(unpacked(packed), InputError);
   }
   packed[1].second = NdArray::from(std::vector<std::int64_t>{1, 1, 1}, {3});
-  EXPECT_THROW(dequantize_rows(packed, "file"), InputError);
+  EXPECT_THROW(unpacked(packed), InputError);
 }
 
 }  // namespace
