@@ -138,7 +138,7 @@ class FlowGenerator {
     training_ = Training::read(trainer_args);
     model_ = nn::model_without_weights<Model>(flow_);
     const bool converts = request.precision != torch::kFloat32, on_cpu = device_.is_cpu();
-    // On a CPU each weight as soon as it is read: the flows take up to 4.6 GB in fp32.
+    // On a CPU each weight as soon as it is read: published flows take gigabytes in fp32.
     nn::load_trained_weights(*model_, flow_, device_,
                              converts && on_cpu ? model_->conversion(request.precision) : nn::LoadedKey());
     if (converts && !on_cpu) model_->set_compute_dtype(request.precision);
