@@ -294,8 +294,10 @@ SparseTensor StructuredLatentDecoderImpl::shape_channels(const SparseTensor& geo
 
 SparseTensor StructuredLatentDecoderImpl::decode_surface(const SparseTensor& geometry, const SparseTensor& skin) {
   // One stream after the other: the voxels of the fine grid are the largest tensors there are.
-  const Tensor fine_skin = upsample_skin_.forward(skin, recompute_).feats;
-  const Tensor skin_channels = out_layer_skin_->forward(fine_skin.to(nn::dtype_of(out_layer_skin_->weight)));
+  const Tensor skin_channels = [&] {
+    const Tensor fine_skin = upsample_skin_.forward(skin, recompute_).feats;
+    return out_layer_skin_->forward(fine_skin.to(nn::dtype_of(out_layer_skin_->weight)));
+  }();
   SparseTensor fine = shape_channels(geometry);
   fine.feats = torch::cat({fine.feats, skin_channels}, 1);
   return fine;
