@@ -3,7 +3,8 @@
 // take at the rate of the steps that were made, and the most memory that was held. As `anigen-generate --precision
 // bf16`; with --low-memory one model at a time, as there. --whole takes the steps as those of a whole sampling, such as
 // 12 of --adams with guidance every second step. --measures samples the 25 steps, then again with each measure that
-// spares passes (or those whose name contains WORD): its passes and seconds, and how far its latents end from those.
+// spares passes or makes them cheaper (or those whose name contains WORD): its passes and seconds, and how far its
+// latents end from those.
 //   benchmark_generation [--fp32|--int8] [--low-memory] [--steps=3 [--whole] [--adams] [--guidance-every=N]]
 //                        [--measures|--measures=WORD] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
 //                        [--threads=N] [--benchmark_out=FILE]
@@ -77,6 +78,11 @@ std::vector<Measure> measures_of(const Settings& settings) {
   for (const int percent : {2, 10}) {
     add("velocities predicted to " + std::to_string(percent) + " %",
         [=](auto& sampler) { sampler.velocity_tolerance = 0.01 * percent; });
+  }
+  for (const std::int64_t share : {4, 2}) {
+    const std::int64_t first = (all.steps + share - 1) / share;
+    add("windows in the first " + std::to_string(first) + " steps",
+        [=](auto& sampler) { sampler.windowed_steps = first; });
   }
   add(half_steps, [=](auto& sampler) { sampler.steps = half; });
   add("adams, " + half_steps, [=](auto& sampler) { sampler.steps = half, sampler.solver = flow::Solver::kAdams; });

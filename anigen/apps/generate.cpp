@@ -67,6 +67,7 @@ void add_sampling_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--solver", arguments.solver);
   add_option(app, "--guidance-every", arguments.guidance_every)->check(whole_number(1, 100'000));
   add_option(app, "--velocity-tolerance", arguments.velocity_tolerance)->check(number(0, 1));
+  add_option(app, "--windowed-steps", arguments.windowed_steps)->check(whole_number(0, 100'000));
   add_option(app, "--view-rule", arguments.view_rule);
   CLI::Option* joints = add_option(app, "--joints", arguments.sampling.joints, ", for flows trained with it")
                             ->check(whole_number(0, 10'000));

@@ -34,7 +34,7 @@ struct GenerateArguments {
   std::string solver, view_rule = "average";
   std::vector<double> structure_interval, latent_interval;
   std::optional<double> joint_density, velocity_tolerance;
-  std::optional<std::int64_t> guidance_every;
+  std::optional<std::int64_t> guidance_every, windowed_steps;
   std::optional<int> joint_level;
   skeleton_field::MeanShiftOptions clustering;
   // Finishing and files.

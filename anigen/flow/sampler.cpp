@@ -5,6 +5,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/condition_cache.h"
 
 namespace anigen::flow {
@@ -12,6 +13,7 @@ namespace anigen::flow {
 namespace {
 
 constexpr std::int64_t kMaxSteps = 100000;
+constexpr std::int64_t kMostWindow = 1 << 16;
 
 void check_streams(const Streams& streams, const Streams& like, const char* what) {
   TORCH_CHECK(streams.size() == like.size(), what, " has ", streams.size(), " streams, the state ", like.size());
@@ -56,6 +58,14 @@ class GuidedVelocity {
       : velocities_(velocities), options_(options) {}
 
   std::int64_t passes() const { return passes_; }
+
+  /// Begins anew: earlier velocities were those of another attention.
+  void forget() {
+    difference_.clear();
+    known_.clear();
+    error_ = std::numeric_limits<double>::infinity();
+    predicted_last_ = false;
+  }
 
   /// Velocity at the beginning of a step, predicted or asked for.
   Streams of_step(const Streams& x, double t, bool last) {
@@ -179,6 +189,8 @@ void SamplerOptions::fields(ConfigFields& f) {
   f("sigma_min", sigma_min);
   if (!f.writes() || cfg_every != 1) f("cfg_every", cfg_every, {1, kMaxSteps});
   if (!f.writes() || velocity_tolerance > 0.0) f("velocity_tolerance", velocity_tolerance, {0.0, 1.0});
+  if (!f.writes() || windowed_steps > 0) f("windowed_steps", windowed_steps, {0, kMaxSteps});
+  if (!f.writes() || window != SamplerOptions().window) f("window", window, {1, kMostWindow});
 }
 
 void SamplerOptions::validate(const std::string& file, const std::string& pointer) const {
@@ -188,6 +200,9 @@ void SamplerOptions::validate(const std::string& file, const std::string& pointe
   check(sigma_min >= 0.0 && sigma_min < 1.0, "sigma_min", "must lie in [0, 1)");
   check(cfg_every >= 1 && cfg_every <= kMaxSteps, "cfg_every", "expected 1 to " + std::to_string(kMaxSteps) + " steps");
   check(velocity_tolerance >= 0.0 && velocity_tolerance <= 1.0, "velocity_tolerance", "must lie in [0, 1]");
+  check(windowed_steps >= 0 && windowed_steps <= kMaxSteps, "windowed_steps",
+        "expected 0 to " + std::to_string(kMaxSteps) + " steps");
+  check(window >= 1 && window <= kMostWindow, "window", "expected 1 to " + std::to_string(kMostWindow) + " places");
   check(!cfg_interval || cfg_interval->first <= cfg_interval->second, "cfg_interval", "the lower end comes first");
 }
 
@@ -219,7 +234,10 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
   EarlierStep before;
   for (std::size_t step = 0; step + 1 < times.size(); ++step) {
     const double t = times[step], next = times[step + 1];
-    if (velocities.step_begins) velocities.step_begins(static_cast<std::int64_t>(step));
+    const auto number = static_cast<std::int64_t>(step);
+    const nn::AttentionWindows windows(number < options.windowed_steps ? options.window : 0);
+    if (number > 0 && number == options.windowed_steps) guided.forget();
+    if (velocities.step_begins) velocities.step_begins(number);
     const Streams velocity = guided.of_step(x, t, /*last=*/step + 2 == times.size());
     if (extras.trajectory) {
       Streams x_0;
@@ -231,7 +249,7 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
     before = {velocity, t - next};
     if (extras.inpainting != nullptr) keep_known(x, next, *extras.inpainting, options.sigma_min);
     if (extras.trajectory) result.x_t.push_back(x);
-    if (extras.progress) extras.progress(static_cast<std::int64_t>(step) + 1, options.steps);
+    if (extras.progress) extras.progress(number + 1, options.steps);
   }
   result.samples = x;
   result.passes = guided.passes();

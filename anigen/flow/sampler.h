@@ -54,13 +54,17 @@ struct SamplerOptions : JsonOptions<SamplerOptions> {
   /// Guidance only where low ≤ t ≤ high, after rescaling; elsewhere one conditional pass. Unset: at every step.
   std::optional<std::pair<double, double>> cfg_interval;
   double sigma_min = kSigmaMin;
-  // Ours: fewer passes through the model. Both are off by default, as published.
+  // Ours: fewer or cheaper passes through the model. All are off by default, as published.
   /// The unconditional pass runs in every so many guided steps; between, the difference v − v_neg that it gave is kept.
   std::int64_t cfg_every = 1;
   /// A step takes the velocity that the line through the last two predicts, when the last prediction was off by no more
   /// than this share of the velocity's norm, in every stream; never two such steps in a row, and never the last one.
   /// 0: every step asks.
   double velocity_tolerance = 0.0;
+  /// Self attention stays inside windows of `window`³ places (nn::AttentionWindows) in so many first steps. What they
+  /// leave for cfg_every and velocity_tolerance ends with them.
+  std::int64_t windowed_steps = 0;
+  std::int64_t window = 8;
 
   void fields(ConfigFields& f);
   void validate(const std::string& file = "", const std::string& pointer = "") const;

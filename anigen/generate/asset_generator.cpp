@@ -80,6 +80,7 @@ flow::SamplerOptions SamplerOverrides::over(flow::SamplerOptions options) const 
   if (cfg_interval) options.cfg_interval = cfg_interval;
   options.cfg_every = cfg_every.value_or(options.cfg_every);
   options.velocity_tolerance = velocity_tolerance.value_or(options.velocity_tolerance);
+  options.windowed_steps = windowed_steps.value_or(options.windowed_steps);
   options.validate();
   return options;
 }

@@ -22,6 +22,7 @@ struct SamplerOverrides {
   std::optional<std::pair<double, double>> cfg_interval;
   std::optional<std::int64_t> cfg_every;
   std::optional<double> velocity_tolerance;
+  std::optional<std::int64_t> windowed_steps;
 
   flow::SamplerOptions over(flow::SamplerOptions options) const;
 };

@@ -102,6 +102,7 @@ Json sampler_json(const SamplerOverrides& overrides) {
   if (overrides.cfg_interval) json["cfg_interval"] = {overrides.cfg_interval->first, overrides.cfg_interval->second};
   if (overrides.cfg_every) json["cfg_every"] = *overrides.cfg_every;
   if (overrides.velocity_tolerance) json["velocity_tolerance"] = *overrides.velocity_tolerance;
+  if (overrides.windowed_steps) json["windowed_steps"] = *overrides.windowed_steps;
   return json;
 }
 

@@ -142,6 +142,31 @@ std::vector<Tensor> DenseAttentionImpl::keys_and_values(const Tensor& context) {
   });
 }
 
+std::vector<Tensor> DenseAttentionImpl::self_heads(const Tensor& x) {
+  std::vector<Tensor> qkv = heads_of(to_qkv_->forward(x), 3);
+  if (!q_rms_norm_.is_empty()) {
+    qkv[0] = q_rms_norm_->forward(qkv[0]);
+    qkv[1] = k_rms_norm_->forward(qkv[1]);
+  }
+  return qkv;
+}
+
+Tensor DenseAttentionImpl::forward_in_windows(const Tensor& x, const GridWindows& windows) {
+  const std::int64_t tokens = windows.side * windows.side * windows.side;
+  TORCH_CHECK(!to_qkv_.is_empty(), "dense attention: cross attention has no windows");
+  TORCH_CHECK(x.dim() == 3 && x.size(1) == tokens && x.size(2) == attention_.channels, "attention inside windows of a ",
+              windows.side, "³ grid over ", attention_.channels, " channels: input ", x.sizes());
+  const TokenOrder by_window = token_order(windows);
+  const std::vector<Tensor> qkv = self_heads(x.index_select(1, by_window.order.on(x.device())));
+  // Windows of all items, one after another.
+  const Tensor items = torch::arange(x.size(0), torch::kInt64).unsqueeze(1) * tokens;
+  const Tensor begins = (items + by_window.offsets.slice(0, 0, -1)).flatten();
+  const Tensor offsets = torch::cat({begins, torch::full({1}, x.size(0) * tokens, torch::kInt64)});
+  const auto rows = [](const Tensor& part) { return part.flatten(0, 1); };
+  const Tensor mixed = ragged_attention(rows(qkv[0]), rows(qkv[1]), rows(qkv[2]), offsets, offsets);
+  return to_out_->forward(mixed.view(x.sizes()).index_select(1, by_window.places.on(x.device())));
+}
+
 Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
   TORCH_CHECK(x.dim() == 3 && x.size(2) == attention_.channels, "dense attention over ", attention_.channels,
               " channels: input ", x.sizes());
@@ -152,13 +177,10 @@ Tensor DenseAttentionImpl::forward(const Tensor& x, const Tensor& context) {
     TORCH_CHECK(context.dim() == 3 && context.size(0) == x.size(0), "cross attention: input ", x.sizes(), ", context ",
                 context.sizes());
     qkv = heads_of(to_q_.is_empty() ? x.contiguous() : to_q_->forward(x), 1);
+    if (!q_rms_norm_.is_empty()) qkv[0] = q_rms_norm_->forward(qkv[0]);
     for (const Tensor& part : keys_and_values(context)) qkv.push_back(part);
   } else {
-    qkv = heads_of(to_qkv_->forward(x), 3);
-  }
-  if (!q_rms_norm_.is_empty()) {
-    qkv[0] = q_rms_norm_->forward(qkv[0]);
-    if (!context.defined()) qkv[1] = k_rms_norm_->forward(qkv[1]);
+    qkv = self_heads(x);
   }
   const Tensor mixed = blocked_attention(qkv[0].transpose(1, 2), qkv[1].transpose(1, 2), qkv[2].transpose(1, 2));
   return to_out_->forward(mixed.transpose(1, 2).reshape(x.sizes()));

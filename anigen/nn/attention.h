@@ -1,6 +1,7 @@
 #pragma once
 #include <vector>
 
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
 #include "anigen/nn/ragged_attention.h"
@@ -61,8 +62,11 @@ class DenseAttentionImpl : public AttentionLayers {
   explicit DenseAttentionImpl(const AttentionOptions& options) : AttentionLayers(options) {}
   /// @param x [B, N, C] @param context [B, M, K] for cross attention, undefined for self attention @return [B, N, C]
   Tensor forward(const Tensor& x, const Tensor& context = {});
+  /// Self attention of tokens on a grid, inside windows. @param x [B, side³, C] @return [B, side³, C]
+  Tensor forward_in_windows(const Tensor& x, const GridWindows& windows);
 
  private:
+  std::vector<Tensor> self_heads(const Tensor& x);             // queries, keys, values [B, N, H, D], normed
   std::vector<Tensor> keys_and_values(const Tensor& context);  // [B, M, H, D] both; see ConditionCache
 };
 TORCH_MODULE(DenseAttention);

@@ -98,10 +98,13 @@ ModulatedCrossBlockImpl::ModulatedCrossBlockImpl(const ModulatedBlockOptions& op
     : ModulatedLayers(options, DenseAttention(self_attention_of(options)),
                       DenseAttention(cross_attention_of(options, options.context_channels))) {}
 
-Tensor ModulatedCrossBlockImpl::forward(const Tensor& x, const Tensor& mod, const Tensor& context) {
-  return run(
-      x, rows_of_batch(x), mod, [&](const Tensor& rows) { return self_attention_->forward(rows); },
-      [&](const Tensor& rows) { return cross_attention_->forward(rows, normed_context(context)); });
+Tensor ModulatedCrossBlockImpl::forward(const Tensor& x, const Tensor& mod, const Tensor& context,
+                                        const GridWindows& windows) {
+  const auto attend_self = [&](const Tensor& rows) {
+    return windows.divide() ? self_attention_->forward_in_windows(rows, windows) : self_attention_->forward(rows);
+  };
+  return run(x, rows_of_batch(x), mod, attend_self,
+             [&](const Tensor& rows) { return cross_attention_->forward(rows, normed_context(context)); });
 }
 
 ModulatedBlockImpl::ModulatedBlockImpl(const ModulatedBlockOptions& options)

@@ -151,8 +151,9 @@ class ModulatedLayers : public torch::nn::Module {
 class ModulatedCrossBlockImpl : public ModulatedLayers<DenseAttention> {
  public:
   explicit ModulatedCrossBlockImpl(const ModulatedBlockOptions& options);
-  /// @param x [B, N, C] @param mod [B, C], or [B, 6C] with share_mod @param context [B, M, K] @return [B, N, C]
-  Tensor forward(const Tensor& x, const Tensor& mod, const Tensor& context);
+  /// @param x [B, N, C] @param mod [B, C], or [B, 6C] with share_mod @param context [B, M, K]
+  /// @param windows of the self attention, by default full @return [B, N, C]
+  Tensor forward(const Tensor& x, const Tensor& mod, const Tensor& context, const GridWindows& windows = {});
 };
 TORCH_MODULE(ModulatedCrossBlock);
 

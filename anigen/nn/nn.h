@@ -2,6 +2,7 @@
 /// Dense layers of all models: attention, norms, embeddings, transformer blocks, volumes; state dicts and run
 /// folders. kernels/ holds the CPU kernels; torch.h is the one place that knows LibTorch versions.
 #include "anigen/nn/attention.h"
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/blocks.h"
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/embeddings.h"

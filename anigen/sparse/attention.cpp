@@ -40,11 +40,11 @@ void SparseAttentionImpl::check_input(const SparseTensor& x, bool cross) const {
               "sparse attention: ", cross ? "self attention was given a context" : "cross attention needs a context");
 }
 
-SparseTensor SparseAttentionImpl::forward(const SparseTensor& x) {
+SparseTensor SparseAttentionImpl::forward_in(const SparseTensor& x, const AttentionScope& scope) {
   check_input(x, /*cross=*/false);
-  if (!scope_.windowed) return x.with(nn::RaggedAttentionImpl::forward(x.feats, x.support->items()));
+  if (!scope.windowed) return x.with(nn::RaggedAttentionImpl::forward(x.feats, x.support->items()));
   // Projections treat rows alike, so the narrow rows are sorted, not the three wider results.
-  const WindowOrder& windows = x.support->windows(scope_.window, scope_.shift);
+  const WindowOrder& windows = x.support->windows(scope.window, scope.shift);
   const Tensor mixed = attend_self(to_window_order(x.feats, windows), windows.offsets);
   return x.with(to_out_->forward(from_window_order(mixed, windows)));
 }

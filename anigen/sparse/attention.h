@@ -32,8 +32,9 @@ struct SparseAttentionOptions : nn::AttentionOptions {
 class SparseAttentionImpl : public nn::RaggedAttentionImpl {
  public:
   explicit SparseAttentionImpl(const SparseAttentionOptions& options);
-  SparseTensor forward(const SparseTensor& x);                               ///< self
-  SparseTensor forward(const SparseTensor& x, const SparseTensor& context);  ///< cross, as many items as x
+  SparseTensor forward(const SparseTensor& x) { return forward_in(x, scope_); }  ///< self
+  SparseTensor forward_in(const SparseTensor& x, const AttentionScope& scope);   ///< self, in another scope
+  SparseTensor forward(const SparseTensor& x, const SparseTensor& context);      ///< cross, as many items as x
   /// Cross attention of every item to its own dense context; not windowed. @param context [B, M, K]
   SparseTensor forward_dense(const SparseTensor& x, const Tensor& context);
 

@@ -173,23 +173,27 @@ SparseModulatedCrossBlockImpl::SparseModulatedCrossBlockImpl(const SparseModulat
           SparseAttention(SparseAttentionOptions(cross_attention_of(options, options.context_channels), {}))) {}
 
 template <typename Cross>
-SparseTensor SparseModulatedCrossBlockImpl::forward_with(const SparseTensor& x, const Tensor& mod, const Cross& cross) {
-  return x.with(run(
-      x.feats, x.support->items(), mod,
-      [&](const Tensor& rows) { return self_attention_->forward(x.with(rows)).feats; },
-      [&](const Tensor& rows) { return cross(x.with(rows)).feats; }));
+SparseTensor SparseModulatedCrossBlockImpl::forward_with(const SparseTensor& x, const Tensor& mod,
+                                                         const AttentionScope& scope, const Cross& cross) {
+  const auto attend_self = [&](const Tensor& rows) {
+    const SparseTensor h = x.with(rows);
+    return (scope.windowed ? self_attention_->forward_in(h, scope) : self_attention_->forward(h)).feats;
+  };
+  return x.with(run(x.feats, x.support->items(), mod, attend_self,
+                    [&](const Tensor& rows) { return cross(x.with(rows)).feats; }));
 }
 
 SparseTensor SparseModulatedCrossBlockImpl::forward(const SparseTensor& x, const Tensor& mod,
-                                                    const SparseTensor& context) {
+                                                    const SparseTensor& context, const AttentionScope& scope) {
   const SparseTensor seen = context.with(normed_context(context.feats));
-  return forward_with(x, mod, [&](const SparseTensor& queries) { return cross_attention_->forward(queries, seen); });
+  return forward_with(x, mod, scope,
+                      [&](const SparseTensor& queries) { return cross_attention_->forward(queries, seen); });
 }
 
 SparseTensor SparseModulatedCrossBlockImpl::forward_dense(const SparseTensor& x, const Tensor& mod,
-                                                          const Tensor& context) {
+                                                          const Tensor& context, const AttentionScope& scope) {
   const Tensor seen = normed_context(context);
-  return forward_with(x, mod,
+  return forward_with(x, mod, scope,
                       [&](const SparseTensor& queries) { return cross_attention_->forward_dense(queries, seen); });
 }
 

@@ -91,13 +91,16 @@ class SparseModulatedCrossBlockImpl : public nn::ModulatedLayers<SparseAttention
  public:
   explicit SparseModulatedCrossBlockImpl(const SparseModulatedBlockOptions& options);
   /// @param mod [B, C], or [B, 6C] with share_mod @param context as many items as x
-  SparseTensor forward(const SparseTensor& x, const Tensor& mod, const SparseTensor& context);
+  /// @param scope of the self attention in place of the block's own, when windowed
+  SparseTensor forward(const SparseTensor& x, const Tensor& mod, const SparseTensor& context,
+                       const AttentionScope& scope = {});
   /// @param context [B, M, K]
-  SparseTensor forward_dense(const SparseTensor& x, const Tensor& mod, const Tensor& context);
+  SparseTensor forward_dense(const SparseTensor& x, const Tensor& mod, const Tensor& context,
+                             const AttentionScope& scope = {});
 
  private:
   template <typename Cross>
-  SparseTensor forward_with(const SparseTensor& x, const Tensor& mod, const Cross& cross);
+  SparseTensor forward_with(const SparseTensor& x, const Tensor& mod, const AttentionScope& scope, const Cross& cross);
 };
 TORCH_MODULE(SparseModulatedCrossBlock);
 

@@ -5,6 +5,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
@@ -192,9 +193,11 @@ Tensor FlowStream::modulation_of(const Tensor& t) {
 }
 
 Tensor FlowStream::run_block(nn::ModulatedCrossBlock block, const Tensor& h, const Tensor& modulation,
-                             const Tensor& context) const {
-  const auto part = [block](const std::vector<Tensor>& inputs) mutable {
-    return block->forward(inputs[0], inputs[1], inputs[2]);
+                             const Tensor& context, std::size_t i) const {
+  nn::GridWindows windows;  // of the self attention; global tokens have no places
+  if (!is_global) windows = {resolution / patch, nn::AttentionWindows::size(), nn::AttentionWindows::shift(i)};
+  const auto part = [block, windows](const std::vector<Tensor>& inputs) mutable {
+    return block->forward(inputs[0], inputs[1], inputs[2], windows);
   };
   return nn::recomputed({h, modulation, context}, part, recompute);
 }
@@ -204,7 +207,7 @@ Tensor FlowStream::receive(std::size_t i, std::int64_t crossing, const Tensor& o
   if (!adapters.empty()) return own + adapters[i]->forward(other);
   if (cross_blocks.empty() || crossing < 0) return own;
   const auto c = static_cast<std::size_t>(crossing);
-  const Tensor crossed = run_block(cross_blocks[c], own, modulation, other);
+  const Tensor crossed = run_block(cross_blocks[c], own, modulation, other, i + 1);
   return own + cross_outputs[c]->forward(crossed - own);
 }
 
@@ -318,7 +321,7 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   if (options_.geometry_only) {
     const Tensor m = shape_.modulation_of(t).to(dtype);
     Tensor h = shape_.embed_tokens(x).to(dtype);
-    for (const nn::ModulatedCrossBlock& block : shape_.blocks) h = shape_.run_block(block, h, m, context);
+    for (std::size_t i = 0; i < shape_.blocks.size(); ++i) h = shape_.run_block(shape_.blocks[i], h, m, context, i);
     const Tensor found = shape_.project(h.to(nn::dtype_of(x)));
     return {options_.predict_x0 ? velocity_of_prediction(x, found, t, options_) : found, torch::zeros_like(x_skl)};
   }
@@ -326,9 +329,9 @@ Velocity SparseStructureFlowImpl::forward(const Tensor& x, const Tensor& x_skl, 
   Tensor h = shape_.embed_tokens(x).to(dtype), h_skl = skeleton_.embed_tokens(x_skl).to(dtype);
   std::int64_t crossings = 0;
   for (std::size_t i = 0; i < shape_.blocks.size(); ++i) {
-    const Tensor f = shape_.run_block(shape_.blocks[i], h, m, context);
+    const Tensor f = shape_.run_block(shape_.blocks[i], h, m, context, i);
     const Tensor f_skl =
-        skeleton_.run_block(skeleton_.blocks[i], h_skl, m_skl, options_.skl_cross_from_ss ? h : context);
+        skeleton_.run_block(skeleton_.blocks[i], h_skl, m_skl, options_.skl_cross_from_ss ? h : context, i);
     const std::int64_t crossing = options_.has_cross_adapter(static_cast<std::int64_t>(i)) ? crossings++ : -1;
     // h ← f + B_i(f_skl), h_skl ← f_skl + A_i(f): both adapters of the duet read what the blocks gave, not what the
     // other one has already changed.

@@ -92,8 +92,9 @@ struct FlowStream {
   void check_latent(const torch::Tensor& x) const;
   torch::Tensor embed_tokens(const torch::Tensor& x);   ///< latent → [B, N, C]
   torch::Tensor modulation_of(const torch::Tensor& t);  ///< [B] → [B, C], or [B, 6C] with share_mod
+  /// @param i number of the block, which shifts its windows (nn::AttentionWindows); cross blocks: of the next one
   torch::Tensor run_block(nn::ModulatedCrossBlock block, const torch::Tensor& h, const torch::Tensor& modulation,
-                          const torch::Tensor& context) const;
+                          const torch::Tensor& context, std::size_t i) const;
   /// Adds what the other stream has to say after block i; both are outputs of block i.
   /// @param crossing how many cross blocks lie before, below 0 when none follows this block
   torch::Tensor receive(std::size_t i, std::int64_t crossing, const torch::Tensor& own, const torch::Tensor& other,

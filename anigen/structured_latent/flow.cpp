@@ -4,6 +4,7 @@
 
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/condition_cache.h"
 #include "anigen/nn/linear.h"
 #include "anigen/nn/norms.h"
@@ -223,10 +224,14 @@ void StructuredLatentFlowStream::descend(StructuredLatentFlowState& state) const
 
 SparseTensor StructuredLatentFlowStream::run_block(std::size_t i, const StructuredLatentFlowState& state,
                                                    const Tensor& context, const sparse::SupportPtr& places) const {
-  const auto part = [block = blocks[i], own = state.h.support, places](const std::vector<Tensor>& inputs) mutable {
+  sparse::AttentionScope scope;  // of the self attention
+  if (const std::int64_t window = nn::AttentionWindows::size(); window > 0)
+    scope = {/*windowed=*/true, window, nn::AttentionWindows::shift(i)};
+  const auto part = [block = blocks[i], own = state.h.support, places,
+                     scope](const std::vector<Tensor>& inputs) mutable {
     const SparseTensor x{own, inputs[0]};
-    if (places == nullptr) return block->forward_dense(x, inputs[1], inputs[2]).feats;
-    return block->forward(x, inputs[1], {places, inputs[2]}).feats;
+    if (places == nullptr) return block->forward_dense(x, inputs[1], inputs[2], scope).feats;
+    return block->forward(x, inputs[1], {places, inputs[2]}, scope).feats;
   };
   return state.h.with(nn::recomputed({state.h.feats, state.modulation, context}, part, recompute));
 }

@@ -4,8 +4,10 @@
 
 #include <cmath>
 #include <stdexcept>
+#include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/attention_windows.h"
 
 namespace anigen::flow {
 namespace {
@@ -149,6 +151,38 @@ TEST(FlowSampler, PredictsVelocitiesWithinATolerance) {
   EXPECT_EQ(sample_flow({noise}, jumps, options).passes, 10);
 }
 
+TEST(FlowSampler, FirstStepsAttendInsideWindows) {
+  std::vector<std::int64_t> windows;
+  const Velocities flow = {[&](const Streams& x, float) {
+    windows.push_back(nn::AttentionWindows::size());
+    return Streams{torch::ones_like(x[0])};
+  }};
+  SamplerOptions options = with_steps(4);
+  options.solver = Solver::kMidpoint;  // two velocities per step
+  options.windowed_steps = 2;
+  options.window = 6;
+  sample_flow({torch::ones({1})}, flow, options);
+  EXPECT_EQ(windows, (std::vector<std::int64_t>{6, 6, 6, 6, 0, 0, 0, 0}));
+  EXPECT_EQ(nn::AttentionWindows::size(), 0);
+}
+
+// Kept differences and predictions are those of windows: the first step without them asks anew.
+TEST(FlowSampler, StepsBehindTheWindowsAskAnew) {
+  std::vector<float> asked;
+  const Velocities flow = {
+      [](const Streams& x, float) { return Streams{torch::ones_like(x[0])}; },
+      [&](const Streams& x, float time) { return asked.push_back(time), Streams{torch::zeros_like(x[0])}; }};
+  SamplerOptions options = with_steps(5);
+  options.cfg_every = 4;
+  options.windowed_steps = 2;
+  sample_flow({torch::zeros({1})}, flow, options);
+  EXPECT_EQ(asked, (std::vector<float>{1000.0F, 600.0F}));
+  options.cfg_every = 1;
+  options.velocity_tolerance = 0.1;
+  options.windowed_steps = 3;
+  EXPECT_EQ(sample_flow({torch::zeros({1})}, flow, options).passes, 10);  // predicted at no step: 3 windowed, 2 after
+}
+
 TEST(FlowSampler, GuidanceGoldenNumbers) {
   const auto model = [](const Streams& x, float time, double condition, double k) {
     const double t = static_cast<double>(time) / 1000.0;
@@ -235,12 +269,13 @@ TEST(FlowSampler, RefusesVelocitiesOfAnotherShape) {
 TEST(SamplerOptions, ReadsItsConfigAndRefusesNonsense) {
   const Json json = Json::parse(
       R"({"steps": 25, "rescale_t": 2.0, "cfg_strength": 7.5, "cfg_interval": [0.5, 1.0], "sigma_min": 1e-5,
-          "cfg_every": 2, "velocity_tolerance": 0.1})");
+          "cfg_every": 2, "velocity_tolerance": 0.1, "windowed_steps": 3, "window": 4})");
   EXPECT_EQ(SamplerOptions::from_json(json).to_json(), json);
   EXPECT_EQ(SamplerOptions::from_json(Json::parse(R"({"solver": "heun"})")).solver, Solver::kHeun);
-  for (const char* bad : {R"({"steps": 0})", R"({"rescale_t": 0})", R"({"cfg_interval": [1, 0]})",
-                          R"({"cfg_interval": [0.5]})", R"({"sigma_min": 1})", R"({"cfg_scale": 1})",
-                          R"({"solver": "rk4"})", R"({"cfg_every": 0})", R"({"velocity_tolerance": -0.1})"}) {
+  for (const char* bad :
+       {R"({"steps": 0})", R"({"rescale_t": 0})", R"({"cfg_interval": [1, 0]})", R"({"cfg_interval": [0.5]})",
+        R"({"sigma_min": 1})", R"({"cfg_scale": 1})", R"({"solver": "rk4"})", R"({"cfg_every": 0})",
+        R"({"velocity_tolerance": -0.1})", R"({"windowed_steps": -1})", R"({"window": 0})"}) {
     EXPECT_THROW(SamplerOptions::from_json(Json::parse(bad)), InputError) << bad;
   }
 }

@@ -3,10 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "anigen/nn/blocks.h"
+#include "tests/support/kernel_forms.h"
 
 namespace anigen::nn {
 namespace {
@@ -38,6 +42,69 @@ AttentionOptions attention_of(std::int64_t channels, std::int64_t heads, std::in
   options.num_heads = heads;
   options.context_channels = context;
   return options;
+}
+
+// Each window is a sequence of its own: its tokens alone, in full attention, give what they give inside the grid.
+TEST(DenseAttention, WindowsOfAGridAttendAlone) {
+  AttentionOptions options = attention_of(6, 2);
+  options.qk_rms_norm = true;
+  DenseAttention attention(options);
+  fill_doubles(*attention);
+  constexpr std::int64_t kSide = 5;
+  const Tensor x = doubles({2, kSide * kSide * kSide, 6});
+  for (const auto& [size, shift] : {std::pair(2, 0), std::pair(2, 1), std::pair(3, 1), std::pair(10, 5)}) {
+    const Tensor found = attention->forward_in_windows(x, {kSide, size, shift});
+    std::map<std::vector<std::int64_t>, std::vector<std::int64_t>> windows;
+    for (std::int64_t i = 0; i < x.size(1); ++i) {
+      const std::int64_t place[] = {i / (kSide * kSide), i / kSide % kSide, i % kSide};
+      std::vector<std::int64_t> window;
+      for (const std::int64_t c : place) window.push_back((c + shift) / size);
+      windows[window].push_back(i);
+    }
+    for (const auto& [window, tokens] : windows) {
+      const Tensor rows = torch::tensor(tokens);
+      EXPECT_LT(distance(found.index_select(1, rows), attention->forward(x.index_select(1, rows))), 1e-12) << size;
+    }
+  }
+  EXPECT_THROW(attention->forward_in_windows(x, {4, 2, 0}), c10::Error);
+}
+
+KERNEL_TEST(DenseAttention, WindowsInEveryPrecision) {
+  DenseAttention exact(attention_of(64, 2)), attention(attention_of(64, 2));
+  torch::manual_seed(22);
+  const torch::NoGradGuard no_grad;
+  const Tensor x = torch::randn({2, 216, 64});
+  for (const auto& [dtype, tolerance] : {std::pair(torch::kFloat32, 1e-5), std::pair(torch::kBFloat16, 2e-2)}) {
+    for (const auto& entry : exact->named_parameters())
+      entry.value().copy_(0.2 * torch::randn(entry.value().sizes()).to(torch::kBFloat16));
+    attention->to(torch::kFloat32);
+    for (auto& entry : attention->named_parameters()) entry.value().copy_(exact->named_parameters()[entry.key()]);
+    attention->to(dtype);
+    exact->to(torch::kFloat64);
+    const Tensor rounded = x.to(dtype);
+    const Tensor wanted = exact->forward_in_windows(rounded.to(torch::kFloat64), {6, 4, 2});
+    const Tensor found = attention->forward_in_windows(rounded, {6, 4, 2}).to(torch::kFloat64);
+    EXPECT_LT(distance(found, wanted), tolerance * wanted.abs().max().item<double>()) << dtype;
+  }
+}
+
+TEST(AttentionWindows, LiveOnTheirThreadAndShiftEverySecondBlock) {
+  EXPECT_EQ(AttentionWindows::size(), 0);
+  {
+    const AttentionWindows outer(8);
+    EXPECT_EQ(AttentionWindows::shift(2), 0);
+    EXPECT_EQ(AttentionWindows::shift(3), 4);
+    std::int64_t elsewhere = -1;
+    std::thread([&] { elsewhere = AttentionWindows::size(); }).join();
+    EXPECT_EQ(elsewhere, 0);
+    { const AttentionWindows inner(2); }
+    EXPECT_EQ(AttentionWindows::size(), 8);
+    {
+      const AttentionWindows full(0);
+      EXPECT_EQ(AttentionWindows::size(), 0);
+    }
+  }
+  EXPECT_EQ(AttentionWindows::size(), 0);
 }
 
 TEST(DenseAttention, CrossAttentionWithNormsFollowsTheDefinition) {

@@ -114,6 +114,11 @@ KERNEL_TEST(SparseAttention, WindowedSelfAttentionIsMaskedAttention) {
     const Tensor groups = published_window_numbers(*x.support, window, shift);
     pair.expect_equal(pair.fast->forward(x).feats,
                       masked_self_attention(pair.exact->named_parameters(), 3, exact, groups), {x.feats}, {exact});
+    // Full attention that is asked for windows.
+    SparseAttention full(sparse_attention_of(24, 3, 0, false));
+    cases::copy_parameters(*pair.fast, *full);
+    EXPECT_TRUE(torch::equal(full->forward_in(x, AttentionScope::of("swin", window, shift)).feats,
+                             pair.fast->forward(x).feats));
   }
 }
 

@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "anigen/core/error.h"
 #include "anigen/io/arrays/safetensors.h"
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/kernels/tiles.h"
 #include "anigen/nn/state_dict.h"
 #include "benchmarks/sparse_structure_flow_flops.h"
@@ -170,10 +173,13 @@ TEST(SparseStructureFlow, EveryVariantKeepsTheShapeOfItsInputs) {
     FlowInputs inputs;
     inputs.x = test::wave(model->shape_latent_size(2), 0.11, 0.0);
     inputs.x_skl = test::wave(model->skeleton_latent_size(2), 0.17, 0.3);
-    const Velocity velocity = run_flow(model, inputs);
-    EXPECT_EQ(velocity.shape.sizes(), inputs.x.sizes()) << i;
-    EXPECT_EQ(velocity.skeleton.sizes(), inputs.x_skl.sizes()) << i;
-    EXPECT_TRUE(velocity.shape.isfinite().all().item<bool>()) << i;
+    for (const std::int64_t window : {0, 2}) {
+      const nn::AttentionWindows windows(window);
+      const Velocity velocity = run_flow(model, inputs);
+      EXPECT_EQ(velocity.shape.sizes(), inputs.x.sizes()) << i;
+      EXPECT_EQ(velocity.skeleton.sizes(), inputs.x_skl.sizes()) << i;
+      EXPECT_TRUE(velocity.shape.isfinite().all().item<bool>()) << i;
+    }
   }
 }
 
@@ -236,6 +242,21 @@ KERNEL_TEST(SparseStructureFlow, EightBitWeightsOfTheTorsoStayNear) {
   // Rounding leaves about a hundredth of each product, and residual connections pass the rest on.
   EXPECT_LT(((rounded.shape - exact.shape).norm() / exact.shape.norm()).item<double>(), 0.02);
   EXPECT_LT(((rounded.skeleton - exact.skeleton).norm() / exact.skeleton.norm()).item<double>(), 0.02);
+}
+
+TEST(SparseStructureFlow, AttendsInsideWindowsWhileTheyLive) {
+  const SparseStructureFlow model = filled_flow(tiny_flow_options());
+  const Velocity full = run_flow(model);
+  const auto differences = [&](std::int64_t window) {
+    const nn::AttentionWindows windows(window);
+    const Velocity found = run_flow(model);
+    return std::pair(flow_difference(found.shape, full.shape), flow_difference(found.skeleton, full.skeleton));
+  };
+  const auto [shape, skeleton] = differences(8);  // even shifted by 4 the grid of 4³ is one window
+  EXPECT_EQ(std::max(shape, skeleton), 0.0);
+  const auto [windowed_shape, windowed_skeleton] = differences(2);
+  EXPECT_GT(std::min(windowed_shape, windowed_skeleton), 1e-4);
+  EXPECT_TRUE(torch::equal(run_flow(model).shape, full.shape));
 }
 
 // A model that is converted while its file is read computes the bits of one that is converted as a whole.

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "anigen/core/error.h"
+#include "anigen/nn/attention_windows.h"
 #include "anigen/nn/embeddings.h"
 #include "anigen/nn/state_dict.h"
 #include "anigen/nn/trainable.h"
@@ -235,6 +236,21 @@ TEST(StructuredLatentFlow, GeometryHearsOfNothingButTheImage) {
     if (item.key().find("adapter_geo_to_skin") == 0) item.value().zero_();
   }
   EXPECT_TRUE(torch::equal(skin_of(run_slat_flow(model)), skin_of(run_slat_flow(model, other_image))));
+}
+
+TEST(StructuredLatentFlow, AttendsInsideWindowsWhileTheyLive) {
+  const StructuredLatentFlow model = filled_slat_flow(tiny_slat_flow_options());
+  const StructuredVelocity full = run_slat_flow(model);
+  const auto differences = [&](std::int64_t window) {
+    const nn::AttentionWindows windows(window);
+    const StructuredVelocity found = run_slat_flow(model);
+    return std::vector<double>{feats_difference(geometry_of(found), geometry_of(full)),
+                               feats_difference(skin_of(found), skin_of(full)),
+                               feats_difference(found.x_skl.feats, full.x_skl.feats)};
+  };
+  for (const double difference : differences(128)) EXPECT_LT(difference, 1e-5);  // one window holds all voxels
+  for (const double difference : differences(2)) EXPECT_GT(difference, 1e-5);
+  EXPECT_TRUE(torch::equal(run_slat_flow(model).x.feats, full.x.feats));
 }
 
 TEST(StructuredLatentFlow, ItemAloneEqualsItemInABatch) {

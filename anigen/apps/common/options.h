@@ -115,6 +115,7 @@ inline constexpr OptionRow kOptions[] = {
     {"--slat-interval", 0, "X X", "Sampling", "Guide stage 5 only at times between the two, 1: noise [config]", "generate:--cfg-interval"},
     {"--solver", 0, "euler|midpoint|heun|adams", "Sampling", "Solver of both stages; midpoint and heun take two passes per step, adams keeps the velocity of the step before [config]", ""},
     {"--guidance-every", 0, "N", "Sampling", "Ask for the velocity without the image in every N-th guided step and keep its difference between [config, else 1]", ""},
+    {"--windowed-steps", 0, "N", "Sampling", "Keep self attention inside windows in the first N steps [config, else 0]", ""},
     {"--velocity-tolerance", 0, "X", "Sampling", "Leave out passes of a step whose velocity those before predict to this relative error; 0: none [config, else 0]", ""},
     {"--view-rule", 0, "average|stochastic", "Sampling", "Share of several views of one object in a step: average, all, whose velocities are averaged; stochastic, one in turn", ""},
     {"--joints", 0, "N", "Sampling", "Wanted number of joints; 0: any", ""},

@@ -229,6 +229,7 @@ void set_sampling(const GenerateArguments& arguments, generate::GenerationOption
   sampling.views = flow::parse_view_rule(arguments.view_rule);
   sampling.structure.cfg_every = sampling.latents.cfg_every = arguments.guidance_every;
   sampling.structure.velocity_tolerance = sampling.latents.velocity_tolerance = arguments.velocity_tolerance;
+  sampling.structure.windowed_steps = sampling.latents.windowed_steps = arguments.windowed_steps;
   if (!arguments.solver.empty())
     sampling.structure.solver = sampling.latents.solver = flow::parse_solver(arguments.solver);
 }
