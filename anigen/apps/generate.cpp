@@ -15,7 +15,10 @@ void add_model_options(CLI::App& app, GenerateArguments& arguments) {
   add_option(app, "--split", arguments.splits)->needs(dataset);
   add_option(app, "--image-views", arguments.image_views)->check(whole_number(1, generate::kMostViews))->needs(dataset);
   add_option(app, "--limit", arguments.limit)->check(whole_number(0))->needs(dataset);
-  add_option(app, "--output", arguments.output, ": folder; every image gets one of its name in it")->required();
+  add_option(
+      app, "--output", arguments.output,
+      ": folder, every image gets one of its name in it; or of one image the file: .glb, .gltf, .fbx, .usda, .usdz")
+      ->required();
   add_option(app, "--asset-name", arguments.asset_name);
   add_option(app, "--runs", arguments.models.runs);
   add_option(app, "--ss-flow", arguments.models.structure_flow);
@@ -158,7 +161,8 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
 int main(int argc, char** argv) {
   Program program(
       "anigen-generate", "Makes a rigged GLB of an image, or of several views: mesh, skeleton and skin weights.",
-      "  anigen-generate frog.png -o results                  by the weights of $ANIGEN_WEIGHTS\n"
+      "  anigen-generate frog.png -o frog.glb                 by the weights that ship, or those of $ANIGEN_WEIGHTS\n"
+      "  anigen-generate frog.png -o results                  with previews and a record of how it was made\n"
       "  anigen-generate front.png side.png back.png --one-object -o results\n"
       "  anigen-generate frog.png --ss-flow runs/ss_flow --slat-flow runs/slat_flow -o results\n"
       "  anigen-generate -i photos/ --runs ckpts/ --ss-flow ckpts/anigen/ss_flow_duet --normals estimator \\\n"

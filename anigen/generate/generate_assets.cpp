@@ -27,6 +27,7 @@
 #include "anigen/io/gltf/export.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/obj.h"
+#include "anigen/io/write_rigged.h"
 #include "anigen/nn/profile.h"
 #include "anigen/render/contact_sheet.h"
 #include "anigen/render/picture.h"
@@ -179,18 +180,74 @@ class Generation {
 
   GenerationReport run(const NamedPicture& picture, const std::string& name) {
     GenerationReport report = report_of(name);
-    try {
+    report_failures(report, [&] {
       if (request_.started) request_.started(picture);
       make(picture, generation_settings(request_, maker_.generator().runs(), picture), report);
-    } catch (...) {
-      report.failure = failure_of_item();
-      report.details = Json();
-    }
-    if (!report.failure.empty()) log::warn("{}: {}", name, report.failure);
+    });
+    return report;
+  }
+
+  /// The asset alone, in the file that the request names.
+  GenerationReport run_to_file(const NamedPicture& picture, const std::string& name) {
+    GenerationReport report;
+    report.name = name;
+    report.file = request_.output;
+    report_failures(report, [&] {
+      if (request_.started) request_.started(picture);
+      const auto started = std::chrono::steady_clock::now();
+      const MadeAsset result = maker_.make(picture, name, sampling_);
+      report.details = details_of(result, generation_settings(request_, maker_.generator().runs(), picture));
+      io::write_rigged(report.file, result.finished.asset, export_options());
+      add_counts(result, report.details);
+      add_seconds(result.generated.times, started, report.details);
+    });
     return report;
   }
 
  private:
+  template <typename Work>
+  static void report_failures(GenerationReport& report, const Work& work) {
+    try {
+      work();
+    } catch (...) {
+      report.failure = failure_of_item();
+      report.details = Json();
+    }
+    if (!report.failure.empty()) log::warn("{}: {}", report.name, report.failure);
+  }
+
+  static Json details_of(const MadeAsset& result, const Json& settings) {
+    const GeneratedAsset& made = result.generated;
+    return {{"made_by", made_by()},
+            {"settings", settings},
+            {"notices", result.notices},
+            {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}}};
+  }
+
+  static void add_counts(const MadeAsset& result, Json& details) {
+    const Asset& asset = result.finished.asset;
+    details["joints"] = asset.skeleton.size();
+    details["vertices"] = asset.mesh.vertices.size();
+    details["faces"] = asset.mesh.faces.size();
+    if (result.generated.cameras) details["cameras"] = camera_angles(*result.generated.cameras);
+    if (!result.finished.rigid_parts.is_null()) details["rigid_parts"] = result.finished.rigid_parts;
+  }
+
+  static void add_seconds(const GenerationTimes& times, std::chrono::steady_clock::time_point started, Json& details) {
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
+    details["seconds"] = {{"condition", times.condition},
+                          {"structure", times.structure},
+                          {"latents", times.latents},
+                          {"decode", times.decode},
+                          {"all", seconds.count()}};
+  }
+
+  io::ExportOptions export_options() const {
+    io::ExportOptions options;
+    if (request_.published_axes) options.axes = io::ExportAxes::kPublished;
+    return options;
+  }
+
   GenerationReport report_of(const std::string& name) const {
     GenerationReport report;
     report.name = name;
@@ -228,17 +285,9 @@ class Generation {
       write_file_atomically(report.folder / "voxels.npz", npz_of_voxels(made.voxels));
       io::write_png(report.folder / "voxels.png", sparse_structure::voxel_picture(made.voxels, 512));
     }
-    report.details = {{"made_by", made_by()},
-                      {"settings", settings},
-                      {"notices", result.notices},
-                      {"voxels", {{"shape", made.shape_voxels}, {"skeleton", made.skeleton_voxels}}}};
+    report.details = details_of(result, settings);
     if (!sampling_.voxels_alone) write_asset(result, report);
-    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - started;
-    report.details["seconds"] = {{"condition", made.times.condition},
-                                 {"structure", made.times.structure},
-                                 {"latents", made.times.latents},
-                                 {"decode", made.times.decode},
-                                 {"all", seconds.count()}};
+    add_seconds(made.times, started, report.details);
     write_file_atomically(report.folder / kReportFile, report.details.dump(2) + "\n");
   }
 
@@ -246,8 +295,7 @@ class Generation {
   void write_asset(const MadeAsset& result, GenerationReport& report) {
     const GeneratedAsset& made = result.generated;
     const FinishedAsset& finished = result.finished;
-    io::ExportOptions axes;
-    if (request_.published_axes) axes.axes = io::ExportAxes::kPublished;
+    const io::ExportOptions axes = export_options();
     io::write_gltf(report.folder / "mesh.glb", finished.asset, axes);
     if (request_.obj) io::write_obj_rig(report.folder / "mesh.obj", finished.asset, axes.axes);
     io::write_gltf(report.folder / "skeleton.glb", geometry::skeleton_asset(finished.asset.skeleton), axes);
@@ -261,11 +309,7 @@ class Generation {
       }
       write_structured_latents(report.folder / "latents.npz", made.latents, request_.models.latent_flow);
     }
-    report.details["joints"] = finished.asset.skeleton.size();
-    report.details["vertices"] = finished.asset.mesh.vertices.size();
-    report.details["faces"] = finished.asset.mesh.faces.size();
-    if (made.cameras) report.details["cameras"] = camera_angles(*made.cameras);
-    if (!finished.rigid_parts.is_null()) report.details["rigid_parts"] = finished.rigid_parts;
+    add_counts(result, report.details);
   }
 
   const GenerateRequest& request_;
@@ -274,14 +318,18 @@ class Generation {
 };
 
 /// Stale files are removed, too, so all names count, whatever is asked for.
-void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<NamedPicture>& pictures,
-                          const std::vector<std::string>& names) {
+std::vector<fs::path> outputs_of(const GenerateRequest& request, const std::vector<std::string>& names) {
   std::vector<fs::path> outputs;
   for (const std::string& name : names) {
     for (const char* file : kAlways) outputs.push_back(request.output / name / file);
     for (const char* file : kObj) outputs.push_back(request.output / name / file);
     for (const char* file : kIntermediate) outputs.push_back(request.output / name / file);
   }
+  return outputs;
+}
+
+void refuse_lossy_outputs(const GenerateRequest& request, const std::vector<NamedPicture>& pictures,
+                          const std::vector<fs::path>& outputs) {
   refuse_to_overwrite(outputs, [&] {
     std::vector<fs::path> inputs = {request.estimator_weights, request.pictures.matting.network, request.voxels};
     for (const NamedPicture& picture : pictures) {
@@ -358,7 +406,7 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
   require_distinct_names(pictures);
   std::vector<std::string> names;
   for (const NamedPicture& picture : pictures) names.push_back(request.name.empty() ? picture.name : request.name);
-  refuse_lossy_outputs(request, pictures, names);
+  refuse_lossy_outputs(request, pictures, outputs_of(request, names));
   Generation generation(request);
   generation.require_own_code(pictures, names);
   std::vector<GenerationReport> reports(pictures.size());
@@ -375,12 +423,25 @@ std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
   return reports;
 }
 
+GenerationReport generate_file(const GenerateRequest& request, const NamedPicture& picture) {
+  request.finishing.validate();
+  if (!io::is_rigged_output(request.output))
+    throw InputError(request.output.string(), "--output", "a generated asset is a .glb, .gltf, .fbx, .usda or .usdz");
+  if (request.obj || request.intermediate || request.sampling.voxels_alone)
+    throw InputError(request.output.string(), "--output", "one file has no room for other results; name a folder");
+  refuse_lossy_outputs(request, {picture}, {request.output});
+  return Generation(request).run_to_file(picture, request.name.empty() ? picture.name : request.name);
+}
+
 Json to_json(const std::vector<GenerationReport>& reports) {
   Json list = Json::array();
   for (const GenerationReport& report : reports) {
     Json one = report.details.is_object() ? report.details : Json::object();
     one["name"] = report.name;
-    one["folder"] = report.folder.string();
+    if (report.file.empty())
+      one["folder"] = report.folder.string();
+    else
+      one["file"] = report.file.string();
     if (!report.failure.empty()) one["failure"] = report.failure;
     list.push_back(std::move(one));
   }
@@ -399,11 +460,12 @@ std::string to_text(const std::vector<GenerationReport>& reports) {
     const auto count = [](const Json& of, const char* what) {
       return std::to_string(of.value(what, std::size_t{0})) + " " + what;
     };
-    text += report.folder.string();
-    text += details.contains("joints") ? "/mesh.glb, " + count(details, "joints") + ", " + count(details, "vertices") +
-                                             ", " + count(details, "faces")
-                                       : "/voxels.npz, voxels: " + count(details["voxels"], "shape") + ", " +
-                                             count(details["voxels"], "skeleton");
+    text += report.file.empty() ? report.folder.string() + (details.contains("joints") ? "/mesh.glb" : "")
+                                : report.file.string();
+    text +=
+        details.contains("joints")
+            ? ", " + count(details, "joints") + ", " + count(details, "vertices") + ", " + count(details, "faces")
+            : "/voxels.npz, voxels: " + count(details["voxels"], "shape") + ", " + count(details["voxels"], "skeleton");
     text += report.kept ? ", was there\n"
                         : ", " + std::to_string(static_cast<int>(details["seconds"].value("all", 0.0))) + " s\n";
     if (report.kept) continue;

@@ -28,8 +28,9 @@ struct GenerateRequest {
                                    ///< GenerationOptions::voxels_alone
   bool again = false;              ///< also assets whose files are there
   bool accept_other_code = false;  ///< what is there counts whatever build of the program made it
-  std::filesystem::path output;    ///< folder; each asset gets one of its own, of the picture's name
-  std::string name;                ///< of the asset, for one picture; empty: the picture's
+  /// Folder; each asset gets one of its own, of the picture's name. Of generate_file() the file.
+  std::filesystem::path output;
+  std::string name;  ///< of the asset, for one picture; empty: the picture's
   /// Called before work on a picture begins. What it throws counts for that picture, as failure_of_item() says.
   std::function<void(const NamedPicture&)> started = nullptr;
 };
@@ -42,10 +43,11 @@ Json generation_settings(const GenerateRequest& request, const std::vector<std::
 /// Outcome of one image.
 struct GenerationReport {
   std::string name;
-  std::filesystem::path folder;
-  std::string failure;  ///< empty: there is an asset
-  bool kept = false;    ///< it was there already
-  Json details;         ///< as written to generation.json
+  std::filesystem::path folder;  ///< of generate_assets()
+  std::filesystem::path file;    ///< of generate_file()
+  std::string failure;           ///< empty: there is an asset
+  bool kept = false;             ///< it was there already
+  Json details;                  ///< as written to generation.json
 };
 
 /// Pictures to rigged GLB files, one for each or for the views of each (NamedPicture::others). For each
@@ -59,6 +61,12 @@ struct GenerationReport {
 /// any work, when a result would replace an input. WriteError when the disk refuses
 std::vector<GenerationReport> generate_assets(const GenerateRequest& request,
                                               const std::vector<NamedPicture>& pictures);
+
+/// One picture, or the views of one object, to one file in the format of its extension (io::is_rigged_output()), with
+/// nothing beside it. A file that is there is replaced, unless the picture fails, which is reported.
+/// @throws InputError when the models are unusable, for another extension, and for options whose results are other
+/// files; before any work, when the file would replace an input
+GenerationReport generate_file(const GenerateRequest& request, const NamedPicture& picture);
 
 Json to_json(const std::vector<GenerationReport>& reports);
 std::string to_text(const std::vector<GenerationReport>& reports);

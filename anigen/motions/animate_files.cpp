@@ -40,6 +40,8 @@ std::vector<Job> jobs_of(const AnimateRequest& request) {
       throw InputError(request.out.string(), "--output", "an animated asset is a .glb, .gltf, .fbx, .usda or .usdz");
     return {{request.assets, request.out, request.assets.stem().string()}};
   }
+  if (io::is_rigged_output(request.out) && !fs::is_directory(request.out))
+    throw InputError(request.out.string(), "--output", "a file holds one asset; several go to a folder");
   std::vector<Job> jobs;
   for (const fs::path& file : io::files_below(request.assets, animated_extensions())) {
     const fs::path below = fs::path(file.lexically_relative(request.assets)).replace_extension("");

@@ -188,6 +188,8 @@ fs::path file_of(const RigRequest& request, const io::ShapeSource& source, const
 /// @throws InputError when the files to write have no format that rigs are written in
 void refuse_formats(const RigRequest& request, const io::ShapeSource& source) {
   if (io::has_extension(request.out, {".vrm"})) return refuse_unfit_vrm(request, source);
+  if (!source.is_single_file() && io::is_rigged_output(request.out) && !fs::is_directory(request.out))
+    throw InputError(request.out.string(), "--output", "a file holds one mesh; several go to a folder");
   if (source.is_single_file() ? io::is_rigged_output(request.out) : io::is_rigged_output("rig." + request.format))
     return;
   throw InputError(

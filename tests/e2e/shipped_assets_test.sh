@@ -15,6 +15,13 @@ for name in bird person; do
   "$bin/anigen-inspect" --json "$folder/examples/$name/mesh.glb" >"$folder/$name.json"
 done
 
+# One image goes into one file by its name, several do not.
+"$bin/anigen-generate" -q "$folder/pictures/bird.png" --output "$folder/bird.fbx"
+"$bin/anigen-inspect" --json "$folder/bird.fbx" >"$folder/file.json"
+grep -q '"joints"' "$folder/file.json"
+if "$bin/anigen-generate" -q --image "$folder/pictures" --output "$folder/both.glb" 2>"$folder/refused"; then exit 1; fi
+grep -q "a file holds one asset" "$folder/refused"
+
 "$bin/anigen-prepare" -q --output "$folder/data" --procedural 4 --procedural-test 4 --seed 900000200 --views 1 --view-size 32 \
   --cond-views 1 --cond-view-size 128 --cond-cameras front
 "$bin/anigen-generate" -q -d "$folder/data" --split "$folder/data/splits/test.txt" --output "$folder/generated"

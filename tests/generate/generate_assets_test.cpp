@@ -19,6 +19,7 @@
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/sparse_structure/flow.h"
 #include "anigen/structured_latent/flow.h"
+#include "tests/generate/generate_assets_case.h"
 #include "tests/generate/red_matting.h"
 #include "tests/generate/small_runs.h"
 #include "tests/support/hinged_boxes.h"
@@ -31,61 +32,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kSide = test::kConditionSide;
-
-/// A blue disc on transparent ground.
-io::Image disc(int side) {
-  io::Image image(side, side, 0);
-  for (int y = 0; y < side; ++y) {
-    for (int x = 0; x < side; ++x) {
-      if (std::hypot(x - side / 2, y - side / 2) > side / 3.0) continue;
-      const std::uint8_t color[] = {40, static_cast<std::uint8_t>(2 * x), 200, 255};
-      std::copy(color, color + 4, image.pixel(x, y));
-    }
-  }
-  return image;
-}
-
-class GenerateAssets : public ::testing::Test {
- protected:
-  void SetUp() override {
-    const fs::path tree = test::parity_file("ckpt_tree");
-    if (!fs::is_directory(tree)) {
-      GTEST_SKIP() << tree << " is not there";
-    }
-    fs::copy(tree, folder_.path(), fs::copy_options::recursive);
-    const fs::path runs = folder_ / "ckpts" / "anigen";
-    request_.models.structure_flow = runs / "ss_flow_solo";
-    request_.models.latent_flow = runs / "slat_flow_control";
-    test::give_image_encoder(request_.models.structure_flow);
-    test::give_image_encoder(request_.models.latent_flow);
-    request_.output = folder_ / "out";
-    request_.finishing.reduction = 0.8;
-    request_.finishing.views = 12;
-    request_.finishing.view_size = 64;
-    request_.finishing.texture_size = 256;
-    picture_ = folder_ / "disc.png";
-    io::write_png(picture_, disc(96));
-  }
-
-  fs::path made(const std::string& name, const std::string& file) const { return request_.output / name / file; }
-  GenerationReport one(const std::string& name) {
-    GenerateRequest request = request_;
-    request.name = name;
-    return generate_assets(request, {picture_}).front();
-  }
-
-  std::string one_failure(const std::string& name) {
-    try {
-      return one(name).failure;
-    } catch (const InputError& error) {
-      return error.what();
-    }
-  }
-
-  test::TemporaryFolder folder_;
-  GenerateRequest request_;
-  fs::path picture_;
-};
 
 TEST_F(GenerateAssets, APictureBecomesARiggedFile) {
   const GenerationReport report = one("a");
@@ -420,7 +366,7 @@ TEST_F(GenerateAssets, ViewsThatCannotBeUsedTogetherAreErrors) {
 
 TEST_F(GenerateAssets, ViewsOfOneAreOneAsset) {
   const fs::path second = folder_ / "second.png";
-  io::write_png(second, disc(64));
+  io::write_png(second, blue_disc(64));
   NamedPicture views = views_of_one({picture_, second});
   EXPECT_EQ(views.name, "disc");
   const auto reports = [&] { return generate_assets(request_, {views}); };
@@ -432,7 +378,7 @@ TEST_F(GenerateAssets, ViewsOfOneAreOneAsset) {
   const io::Image seen = io::read_image(made("disc", "processed_image.png"));
   EXPECT_EQ(seen.width, 2 * seen.height) << "both views";
   EXPECT_TRUE(reports()[0].kept);
-  io::write_png(second, disc(80));
+  io::write_png(second, blue_disc(80));
   EXPECT_FALSE(reports()[0].kept) << "another image";
   // One image asks for the asset of one.
   views.others.clear();
@@ -463,7 +409,7 @@ TEST_F(GenerateAssets, WhatIsThereIsKeptUntilSomethingChanges) {
   request_.models.structure_condition = StructureCondition::kColor;
   EXPECT_FALSE(one("a").kept) << "another condition";
   EXPECT_TRUE(one("a").kept);
-  io::write_png(picture_, disc(80));
+  io::write_png(picture_, blue_disc(80));
   EXPECT_FALSE(one("a").kept) << "another picture of the same name";
   const fs::path weights = request_.models.latent_flow / "ckpts" / "image_encoder_final.safetensors";
   fs::last_write_time(weights, fs::file_time_type::clock::now() + std::chrono::hours(1));
@@ -539,7 +485,7 @@ TEST_F(GenerateAssets, ABadPictureDoesNotStopTheOthers) {
   const fs::path folder = folder_ / "pictures";
   fs::create_directories(folder);
   io::write_png(folder / "clear.png", io::Image(64, 64, 0));
-  io::write_png(folder / "disc.png", disc(96));
+  io::write_png(folder / "disc.png", blue_disc(96));
   std::ofstream(folder / "text.png") << "not a picture";
   std::ofstream(folder / "notes.txt") << "ignored";
   const auto reports = generate_assets(request_, pictures_at(folder));
@@ -586,7 +532,7 @@ TEST_F(GenerateAssets, NormalsThatNoFlowSeesAreRefused) {
 TEST_F(GenerateAssets, OnePictureOneName) {
   const fs::path other = folder_ / "more" / "disc.png";
   fs::create_directories(other.parent_path());
-  io::write_png(other, disc(64));
+  io::write_png(other, blue_disc(64));
   EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);
   request_.name = "x";
   EXPECT_THROW(generate_assets(request_, {picture_, other}), InputError);

@@ -70,6 +70,9 @@ TEST(AnimateFiles, FolderToFolderAndWhatFailsIsTold) {
   request.out = folder / "out";
   request.motions = {"walk"};
   request.t_pose = true;
+  request.out = folder / "out.glb";
+  EXPECT_THROW(animate_files(request), InputError);
+  request.out = folder / "out";
   const std::vector<AnimateReport> reports = animate_files(request);
   ASSERT_EQ(reports.size(), 2U);
   EXPECT_TRUE(fs::exists(folder / "out/biped.glb"));

@@ -99,6 +99,14 @@ TEST_F(RigMeshes, OneFileForOneFile) {
   EXPECT_TRUE(fs::is_regular_file(folder_ / "one.glb"));
 }
 
+TEST_F(RigMeshes, SeveralDoNotGoIntoOneFile) {
+  request_.out = folder_ / "all.glb";
+  EXPECT_THROW(rig_meshes(request_), InputError);
+  EXPECT_FALSE(fs::exists(request_.out));
+  fs::create_directory(request_.out);  // a folder may be called so
+  EXPECT_EQ(rig_meshes(request_).meshes.at(0).failure, "");
+}
+
 TEST_F(RigMeshes, TheExtensionChoosesTheFormat) {
   request_.meshes = folder_ / "meshes/same.glb";
   request_.method = parse_rigging_method("nearest");

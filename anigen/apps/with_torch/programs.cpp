@@ -29,6 +29,7 @@
 #include "anigen/generate/run_weights.h"
 #include "anigen/generate/trained_skin.h"
 #include "anigen/generate/video_animation.h"
+#include "anigen/io/write_rigged.h"
 #include "anigen/nn/profile.h"
 #include "anigen/train/distributed/launch.h"
 #include "anigen/train/export_run.h"
@@ -269,7 +270,16 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
 void run_generate(const GenerateArguments& arguments, const CommonOptions& common) {
   nn::set_up_computing(common.threads);
   const std::vector<generate::NamedPicture> pictures = pictures_of(arguments);
-  const auto reports = generate::generate_assets(request_of(arguments, common), pictures);
+  const generate::GenerateRequest request = request_of(arguments, common);
+  // Earlier versions made folders of such names.
+  const bool to_file = io::is_rigged_output(request.output) && !std::filesystem::is_directory(request.output);
+  if (to_file && pictures.size() != 1) {
+    throw InputError(request.output.string(), "--output",
+                     "a file holds one asset, and these are " + std::to_string(pictures.size()) +
+                         " images: name a folder, or say --one-object when all show one");
+  }
+  const auto reports = to_file ? std::vector{generate::generate_file(request, pictures.front())}
+                               : generate::generate_assets(request, pictures);
   print_result(generate::to_json(reports), generate::to_text(reports), common);
   require_inputs(reports, "images gave no asset", common);
 }
