@@ -20,6 +20,7 @@
 #include "anigen/core/process.h"
 #include "anigen/core/random.h"
 #include "anigen/core/version.h"
+#include "anigen/eval/method_differences.h"
 #include "anigen/eval/skeleton_groups.h"
 
 namespace anigen::eval {
@@ -54,18 +55,6 @@ Json assets_json(const Comparison& comparison, std::size_t method) {
   Json assets = Json::array();
   for (const PairResult& result : comparison.results[method]) assets.push_back(asset_json(result));
   return assets;
-}
-
-/// Resampling a handful of differences says nothing about others.
-constexpr std::size_t kFewestForVerdict = 6;
-
-int digits(const MetricInfo& metric) {
-  return metric.unit == "joints" || metric.unit == "edits" || metric.unit == "dB" ? 2 : 4;
-}
-
-std::string head(const MetricInfo& metric) {
-  const std::string mark = arrow(metric.better);
-  return mark.empty() ? metric.label : metric.label + " " + mark;
 }
 
 void add_section(std::string& text, const std::string& title, const anigen::Table& table) {
@@ -157,19 +146,13 @@ PairResult evaluate(const PairPlan& pair, const ComparedMethod& method, const Co
   return result;
 }
 
-/// The values of one metric, one per id; NaN where there is none.
+}  // namespace
+
 std::vector<double> metric_values(const Comparison& comparison, std::size_t method, const std::string& key) {
   std::vector<double> values;
   for (const PairResult& result : comparison.results[method]) values.push_back(result.value(key));
   return values;
 }
-
-PairedDifference to_first_method(const Comparison& comparison, std::size_t method, const std::string& key) {
-  return paired_difference(metric_values(comparison, method, key), metric_values(comparison, 0, key), comparison.seed,
-                           key);
-}
-
-}  // namespace
 
 Interval bootstrap_mean(const std::vector<double>& values, std::uint64_t seed, const std::string& purpose,
                         std::size_t draws) {
@@ -252,29 +235,6 @@ std::vector<const MetricInfo*> present_metrics(const Comparison& comparison, boo
   return result;
 }
 
-std::vector<int> ranks(const Comparison& comparison, const MetricInfo& metric) {
-  const std::size_t count = comparison.methods.size();
-  std::vector<int> result(count, 0);
-  if (count < 2 || metric.better == Better::kNeither) return result;
-  // Means over different assets do not compare: a method that fails on the hard ones would win.
-  std::vector<double> means(count);
-  std::vector<bool> valued;
-  for (std::size_t m = 0; m < count; ++m) {
-    const std::vector<double> values = metric_values(comparison, m, metric.key);
-    std::vector<bool> here;
-    double sum = 0;
-    std::size_t n = 0;
-    for (const double value : values) {
-      here.push_back(std::isfinite(value));
-      if (std::isfinite(value)) sum += value, ++n;
-    }
-    if (n == 0 || (m > 0 && here != valued)) return result;
-    valued = here;
-    means[m] = sum / static_cast<double>(n);
-  }
-  return places(means, metric.better == Better::kLower);
-}
-
 Json to_json(const Comparison& comparison) {
   Json json;
   json["settings"] = comparison.settings;
@@ -292,10 +252,11 @@ Json to_json(const Comparison& comparison) {
     Json& differences = json["differences"][comparison.methods[m]];
     differences = Json::object();
     for (const MetricInfo& metric : metric_table()) {
-      const PairedDifference of = to_first_method(comparison, m, metric.key);
-      if (of.n > 0)
-        differences[metric.key] = {
-            {"mean", of.mean}, {"low", of.interval.low}, {"high", of.interval.high}, {"n", of.n}, {"equal", of.equal}};
+      const PairedDifference of = difference_to_first(comparison, m, metric.key);
+      if (of.n == 0) continue;
+      differences[metric.key] = {
+          {"mean", of.mean}, {"low", of.interval.low}, {"high", of.interval.high}, {"n", of.n}, {"equal", of.equal}};
+      if (!measured_alike(comparison, 0, m, metric.key)) differences[metric.key]["measured_alike"] = false;
     }
   }
   if (const auto skeletons = by_skeleton(comparison)) json["over_skeletons"] = skeleton_json(*skeletons);
@@ -325,20 +286,25 @@ CsvTable to_csv_table(const Comparison& comparison) {
   return table;
 }
 
-anigen::Table method_table(const Comparison& comparison, const std::vector<const MetricInfo*>& metrics) {
-  anigen::Table table{{"method", "assets", "failed"}, {}};
-  for (const MetricInfo* metric : metrics) table.columns.push_back(head(*metric));
+anigen::Table method_table(const Comparison& comparison, const std::vector<const MetricInfo*>& metrics,
+                           bool with_failures) {
+  anigen::Table table{{"method"}, {}};
+  if (with_failures) table.columns.insert(table.columns.end(), {"assets", "failed"});
+  for (const MetricInfo* metric : metrics) table.columns.push_back(column_head(*metric));
   for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
-    table.rows.push_back(
-        {comparison.methods[m], std::to_string(comparison.ids.size()), std::to_string(failures(comparison, m))});
+    table.rows.push_back({comparison.methods[m]});
+    if (with_failures) {
+      table.rows[m].push_back(std::to_string(comparison.ids.size()));
+      table.rows[m].push_back(std::to_string(failures(comparison, m)));
+    }
   }
   for (const MetricInfo* metric : metrics) {
     const std::vector<int> rank = ranks(comparison, *metric);
     for (std::size_t m = 0; m < comparison.methods.size(); ++m) {
       const Summary summary = summarize_metric(comparison, m, metric->key).summary;
-      std::string cell = summary.n == 0 ? "–" : anigen::fixed(summary.mean, digits(*metric));
-      if (summary.n > 0 && summary.n + failures(comparison, m) < comparison.ids.size())
-        cell += " (n " + std::to_string(summary.n) + ")";
+      std::string cell = summary.n == 0 ? "–" : anigen::fixed(summary.mean, table_digits(*metric));
+      const std::size_t told = with_failures ? failures(comparison, m) : 0;
+      if (summary.n > 0 && summary.n + told < comparison.ids.size()) cell += " (n " + std::to_string(summary.n) + ")";
       if (rank[m] == 1) cell = "**" + cell + "**";
       if (rank[m] == 2) cell = "_" + cell + "_";
       table.rows[m].push_back(cell);
@@ -351,12 +317,12 @@ anigen::Table metric_summary_table(const Comparison& comparison, std::size_t met
   anigen::Table table{{"metric", "key", "unit", "mean", "median", "std", "95 % of the mean", "assets"}, {}};
   for (const MetricInfo* metric : present_metrics(comparison, false)) {
     const MetricSummary summary = summarize_metric(comparison, method, metric->key);
-    const int places = digits(*metric);
-    table.rows.push_back(
-        {head(*metric), metric->key, metric->unit, anigen::fixed(summary.summary.mean, places),
-         anigen::fixed(summary.summary.median, places), anigen::fixed(summary.summary.std, places),
-         anigen::fixed(summary.interval.low, places) + " – " + anigen::fixed(summary.interval.high, places),
-         std::to_string(summary.summary.n)});
+    const std::size_t n = summary.summary.n;
+    const auto cell = [&](double value) { return n == 0 ? "–" : anigen::fixed(value, table_digits(*metric)); };
+    table.rows.push_back({column_head(*metric), metric->key, metric->unit, cell(summary.summary.mean),
+                          cell(summary.summary.median), cell(summary.summary.std),
+                          n == 0 ? "–" : cell(summary.interval.low) + " – " + cell(summary.interval.high),
+                          std::to_string(n)});
   }
   return table;
 }
@@ -401,29 +367,6 @@ anigen::Table reason_table(const Comparison& comparison) {
   return table;
 }
 
-anigen::Table difference_table(const Comparison& comparison) {
-  anigen::Table table{{"method", "metric", "mean difference", "95 %", "assets", "reads"}, {}};
-  for (std::size_t m = 1; m < comparison.methods.size(); ++m) {
-    for (const MetricInfo* metric : present_metrics(comparison, true)) {
-      const PairedDifference difference = to_first_method(comparison, m, metric->key);
-      if (difference.n == 0) continue;
-      const bool clear = difference.interval.low > 0 || difference.interval.high < 0;
-      const bool lower_wins = metric->better == Better::kLower;
-      const std::string verdict = difference.equal                      ? "equal"
-                                  : difference.n < kFewestForVerdict    ? "too few assets to tell"
-                                  : !clear                              ? "no clear difference"
-                                  : (difference.mean < 0) == lower_wins ? "better"
-                                                                        : "worse";
-      const int places = digits(*metric);
-      table.rows.push_back(
-          {comparison.methods[m] + " − " + comparison.methods[0], head(*metric), anigen::fixed(difference.mean, places),
-           anigen::fixed(difference.interval.low, places) + " – " + anigen::fixed(difference.interval.high, places),
-           std::to_string(difference.n), verdict});
-    }
-  }
-  return table;
-}
-
 std::string transport_text(const Comparison& comparison) {
   const Json solver = comparison.settings.value("transport", Json::object());
   if (solver.value("solver", "exact") == "exact") return "";
@@ -435,12 +378,14 @@ std::string to_markdown(const Comparison& comparison) {
   std::string text = "# " + std::to_string(comparison.ids.size()) + " ground truths\n\n" +
                      to_markdown(method_table(comparison, present_metrics(comparison, true)));
   if (comparison.methods.size() > 1)
-    text += "\nBest in bold, second best in italics; methods with values on different assets are not ranked.\n";
+    text +=
+        "\nBest in bold, second best in italics; methods with values on different assets, or measured in different "
+        "ways, are not ranked.\n";
   const std::string transport = transport_text(comparison);
   if (!transport.empty()) text += "\n" + transport + "\n";
   if (const auto skeletons = by_skeleton(comparison))
     add_section(text, "Every skeleton once: mean ± half of the 95 % interval over skeletons",
-                skeleton_mean_table(*skeletons));
+                skeleton_mean_table(*skeletons, comparison));
   add_section(text, "Pairs", pairing_table(comparison));
   add_section(text, "Differences to " + comparison.methods[0], difference_table(comparison));
   for (std::size_t m = 0; m < comparison.methods.size(); ++m)
@@ -450,11 +395,7 @@ std::string to_markdown(const Comparison& comparison) {
 }
 
 std::string to_latex(const Comparison& comparison) {
-  anigen::Table table = method_table(comparison, present_metrics(comparison, true));
-  // Papers say elsewhere how many assets there were.
-  const auto shorten = [](std::vector<std::string>& cells) { cells.erase(cells.begin() + 1, cells.begin() + 3); };
-  shorten(table.columns);
-  for (auto& row : table.rows) shorten(row);
+  const anigen::Table table = method_table(comparison, present_metrics(comparison, true), /*with_failures=*/false);
   const std::string transport = transport_text(comparison);
   return (transport.empty() ? "" : "% " + transport + "\n") + to_latex(table);
 }

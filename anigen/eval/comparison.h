@@ -44,8 +44,8 @@ std::vector<int> places(const std::vector<double>& means, bool lower_is_better);
 /// Two methods on the assets both have a value for.
 struct PairedDifference {
   double mean = 0;     ///< of difference(first, second)
-  Interval interval;   ///< 95 %, by bootstrap over assets
-  std::size_t n = 0;   ///< assets compared
+  Interval interval;   ///< 95 %, by bootstrap over the entries
+  std::size_t n = 0;   ///< entries compared: assets, or skeletons
   bool equal = false;  ///< numerically, on every one of them
 };
 
@@ -57,7 +57,7 @@ PairedDifference paired_difference(const std::vector<double>& first, const std::
 struct Pairing {
   std::size_t paired = 0;
   std::vector<std::string> missing;  ///< ground truths without a prediction
-  std::vector<std::string> unused;   ///< predictions that belong to none of the ground truths asked for
+  std::vector<std::string> unused;   ///< predictions of none of the ground truths asked for, or of no row
 };
 
 /// Several predictions of the same ground truths.
@@ -65,11 +65,14 @@ struct Comparison {
   std::vector<std::string> methods;              ///< labels, at least one
   std::vector<std::string> ids;                  ///< one per ground truth, in its order
   std::vector<std::vector<PairResult>> results;  ///< [method][id]; a missing prediction is a failure, never left out
-  std::vector<std::string> unused;               ///< "<method>: <id>" of predictions without a ground truth
+  std::vector<std::string> unused;               ///< "<method>: <id>" of predictions without a ground truth or row
   std::vector<Pairing> pairing;                  ///< one per method; empty: not known
   Json settings = Json::object();                ///< everything that decides a number
   std::uint64_t seed = 0;                        ///< of the bootstrap intervals
 };
+
+/// The values of one metric, one per id; NaN where there is none.
+std::vector<double> metric_values(const Comparison& comparison, std::size_t method, const std::string& key);
 
 /// Mean, median, standard deviation and number, with the interval of the mean.
 struct MetricSummary {
@@ -85,13 +88,10 @@ std::size_t failures(const Comparison& comparison, std::size_t method);
 /// the short table
 std::vector<const MetricInfo*> present_metrics(const Comparison& comparison, bool headline);
 
-/// Rank of every method by mean: 1 for the best, 2 for the second; 0 for the others, and where nothing can be ranked
-/// (one method, no direction, different assets have values).
-std::vector<int> ranks(const Comparison& comparison, const MetricInfo& metric);
-
 /// metrics.json: `settings`; `methods`, one object per label with `summary` (key → mean, median, std, n, low, high),
 /// `failed` and `assets` (id, values under their keys, `not_computed`, `notes`, `details`); `differences` of every
-/// method to the first one. `summary` and `assets` of the first method stand at the top level too.
+/// method to the first one (difference_to_first()). `summary` and `assets` of the first method stand at the top level
+/// too.
 Json to_json(const Comparison& comparison);
 
 /// metrics.csv: one row per asset and method, a column per metric; a cell without value is empty, `failure` says why.
@@ -106,10 +106,13 @@ std::string to_markdown(const Comparison& comparison);
 /// table.tex: the headline metrics as a LaTeX tabular (booktabs); best in bold, second best underlined.
 std::string to_latex(const Comparison& comparison);
 
-/// Methods × metrics; best `**bold**` and second best `_underlined_` where they can be ranked.
-anigen::Table method_table(const Comparison& comparison, const std::vector<const MetricInfo*>& metrics);
+/// Methods × metrics; best `**bold**` and second best `_underlined_` where they can be ranked. A cell of fewer assets
+/// than the other columns tell has their number behind it.
+/// @param with_failures columns of all and of failed assets
+anigen::Table method_table(const Comparison& comparison, const std::vector<const MetricInfo*>& metrics,
+                           bool with_failures = true);
 
-/// Mean, median, interval and number of every metric of one method.
+/// Mean, median, interval and number of every metric of one method; "–" where no asset has a value.
 anigen::Table metric_summary_table(const Comparison& comparison, std::size_t method);
 
 /// Ground truths, pairs and what is left over on both sides, with counts and the first names; no row when the pairing
@@ -118,9 +121,6 @@ anigen::Table pairing_table(const Comparison& comparison);
 
 /// Failures and reasons for missing values, each once with the number of assets.
 anigen::Table reason_table(const Comparison& comparison);
-
-/// Difference of every further method to the first, per headline metric, with interval.
-anigen::Table difference_table(const Comparison& comparison);
 
 /// A file name for an id or a label: one that any system takes, and that no two of them share.
 std::string file_name(const std::string& text);

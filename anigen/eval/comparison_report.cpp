@@ -11,6 +11,7 @@
 #include "anigen/core/error.h"
 #include "anigen/core/hash.h"
 #include "anigen/core/table.h"
+#include "anigen/eval/method_differences.h"
 #include "anigen/eval/skeleton_groups.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/io/gltf/gltf.h"
@@ -448,7 +449,7 @@ std::string comparison_report(const Comparison& comparison, const ComparisonRepo
   if (!transport.empty()) html += "<p class=\"hint\">" + html_escaped(transport) + "</p>\n";
   if (const auto skeletons = by_skeleton(comparison))
     html += section("Every skeleton once: mean ± half of the 95 % interval over skeletons",
-                    skeleton_mean_table(*skeletons));
+                    skeleton_mean_table(*skeletons, comparison));
   html += section("Pairs", pairing_table(comparison));
   html += section("Differences to " + comparison.methods[0], difference_table(comparison));
   html += motions(options.motions);

@@ -56,10 +56,12 @@ bool asks_for_contents(const EvaluationRequest& request, const std::vector<Compa
   return false;
 }
 
-/// Names left over on both sides, for the table.
-Pairing pairing_of(const std::vector<PairPlan>& pairs, std::vector<std::string> unused) {
+/// Names left over on both sides, for the table. @param rows of the comparison
+Pairing pairing_of(const std::vector<PairPlan>& pairs, const std::set<std::string>& rows,
+                   std::vector<std::string> unused) {
   Pairing pairing;
   for (const PairPlan& pair : pairs) {
+    if (rows.count(pair.id) == 0) continue;
     if (pair.prediction_id)
       ++pairing.paired;
     else
@@ -109,9 +111,17 @@ Opened open(const EvaluationRequest& request) {
       unused[m] = std::move(list.unused);
     }
   }
+  // Rows are those of the first method.
+  std::set<std::string> rows;
+  for (const PairPlan& pair : opened.methods[0].pairs) rows.insert(pair.id);
+  for (std::size_t m = 1; m < opened.methods.size(); ++m) {
+    for (const PairPlan& pair : opened.methods[m].pairs) {
+      if (pair.prediction_id && rows.count(pair.id) == 0) unused[m].push_back(pair.id);
+    }
+  }
   for (std::size_t m = 0; m < opened.methods.size(); ++m) {
     for (const std::string& id : unused[m]) opened.unused.push_back(opened.methods[m].label + ": " + id);
-    opened.pairing.push_back(pairing_of(opened.methods[m].pairs, std::move(unused[m])));
+    opened.pairing.push_back(pairing_of(opened.methods[m].pairs, rows, std::move(unused[m])));
   }
   return opened;
 }

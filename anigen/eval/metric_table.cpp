@@ -95,6 +95,15 @@ std::string arrow(Better better) {
   return word_of({{Better::kLower, "↓"}, {Better::kHigher, "↑"}, {Better::kNeither, ""}}, better);
 }
 
+std::string column_head(const MetricInfo& metric) {
+  const std::string mark = arrow(metric.better);
+  return mark.empty() ? metric.label : metric.label + " " + mark;
+}
+
+int table_digits(const MetricInfo& metric) {
+  return metric.unit == "joints" || metric.unit == "edits" || metric.unit == "dB" ? 2 : 4;
+}
+
 namespace {
 
 template <typename T>
@@ -151,6 +160,7 @@ double half_distance(const Eigen::Matrix3Xf& a, const Eigen::Matrix3Xf& b, doubl
 std::uint64_t fingerprint(const io::RiggedShape& shape) {
   std::uint64_t hash = hash_of(shape.mesh.vertices, 1);
   hash = hash_of(shape.mesh.faces, hash);
+  hash = hash_of(shape.mesh.normals, hash);  // pictures are shaded by them
   hash = hash_of(shape.mesh.colors, hash);
   hash = hash_of(shape.mesh.uvs, hash);
   hash = hash_of(shape.mesh.face_materials, hash);

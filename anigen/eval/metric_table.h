@@ -31,6 +31,10 @@ const MetricInfo* find_metric(const std::string& key);
 
 /// "↓", "↑", or nothing.
 std::string arrow(Better better);
+/// Label and arrow.
+std::string column_head(const MetricInfo& metric);
+/// Decimals in tables.
+int table_digits(const MetricInfo& metric);
 
 /// A hash of everything metrics look at: geometry, skeleton, weights, colours, clips. Two files with the same content
 /// agree; a prediction that was made again differs, so that no saved result outlives its input.

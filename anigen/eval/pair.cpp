@@ -533,16 +533,16 @@ ComparedShapes bring_together(const io::RiggedShape& predicted, const io::Rigged
   }
   shapes.predicted = metrics::transformed(shapes.alignment.prediction, predicted);
   shapes.truth = metrics::transformed(shapes.alignment.truth, truth);
-  if (settings.clip_joints) {
+  if (shapes.alignment.by == metrics::AlignedBy::kJoints && !truth.mesh.vertices.empty())
+    shapes.predicted.notes.emplace_back("it has no mesh: its joints stand for it, which are also what is scored");
+  if (settings.clip_joints)
     for (Eigen::Vector3d& joint : shapes.truth.joints.positions)
       joint = joint.cwiseMax(-0.5).cwiseMin(0.5).cast<Eigen::half>().cast<double>();
-  }
   if (settings.merge_joints > 0.0) {
     for (io::RiggedShape* shape : {&shapes.predicted, &shapes.truth}) {
-      const std::size_t merged = merge_joints(*shape, settings.merge_joints);
-      if (merged == 0) continue;
-      shape->notes.push_back(std::to_string(merged) + " joints merged into others within " +
-                             significant(settings.merge_joints, 3));
+      if (const std::size_t merged = merge_joints(*shape, settings.merge_joints); merged > 0)
+        shape->notes.push_back(std::to_string(merged) + " joints merged into others within " +
+                               significant(settings.merge_joints, 3));
     }
   }
   return shapes;

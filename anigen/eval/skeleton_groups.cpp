@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <map>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -42,6 +43,18 @@ PairResult mean_result(const std::vector<PairResult>& results, const std::vector
 
 }  // namespace
 
+std::vector<std::string> independent_units(const Comparison& comparison) {
+  std::vector<std::string> units = trees_of(comparison);
+  std::set<std::string> known;
+  std::size_t told = 0;
+  for (std::size_t i = 0; i < units.size(); ++i) {
+    if (!units[i].empty()) known.insert(units[i]), ++told;
+    if (units[i].empty()) units[i] = "asset " + std::to_string(i);
+  }
+  if (known.size() == told) units.clear();
+  return units;
+}
+
 std::optional<Comparison> by_skeleton(const Comparison& comparison) {
   const std::vector<std::string> trees = trees_of(comparison);
   std::map<std::string, std::vector<std::size_t>> assets;
@@ -67,12 +80,13 @@ std::optional<Comparison> by_skeleton(const Comparison& comparison) {
   return skeletons;
 }
 
-Table skeleton_mean_table(const Comparison& skeletons) {
+Table skeleton_mean_table(const Comparison& skeletons, const Comparison& comparison) {
   const std::vector<const MetricInfo*> metrics = present_metrics(skeletons, true);
-  Table table{{"method", "skeletons"}, {}};
-  for (const MetricInfo* metric : metrics) table.columns.push_back(metric->label + " " + arrow(metric->better));
+  Table table{{"method", "skeletons", "assets"}, {}};
+  for (const MetricInfo* metric : metrics) table.columns.push_back(column_head(*metric));
   for (std::size_t m = 0; m < skeletons.methods.size(); ++m) {
-    std::vector<std::string> row{skeletons.methods[m], std::to_string(skeletons.ids.size() - failures(skeletons, m))};
+    std::vector<std::string> row{skeletons.methods[m], std::to_string(skeletons.ids.size() - failures(skeletons, m)),
+                                 std::to_string(comparison.ids.size() - failures(comparison, m))};
     for (const MetricInfo* metric : metrics) {
       const MetricSummary of = summarize_metric(skeletons, m, metric->key);
       row.push_back(

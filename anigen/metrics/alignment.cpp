@@ -166,7 +166,9 @@ Alignment align(const io::RiggedShape& prediction, const io::RiggedShape& truth,
   const Similarity to = with_joints ? normalize_with_joints(truth) : normalize(truth, mode, result.by);
   const Similarity from = is_common ? to : normalize(prediction, mode, result.by);
   const bool raw = mode == NormalizationMode::kNone;
-  result.truth = raw || is_common ? to : normalize(truth, NormalizationMode::kBoundingBox, result.by);
+  // Joints alone bring the two together, but the unit of scores stays that of the truth's mesh.
+  const AlignedBy unit = truth.mesh.vertices.empty() ? result.by : AlignedBy::kVertices;
+  result.truth = raw || is_common ? to : normalize(truth, NormalizationMode::kBoundingBox, unit);
   const Similarity to_scores = compose(result.truth, to.inverse());
   if (options.icp) {
     result.icp = register_shapes(prepare(prediction, from, result.by, options.registration),

@@ -61,7 +61,8 @@ enum class AlignedBy {
 std::string to_string(AlignedBy by);
 
 /// Transform of a prediction and its ground truth into one frame, the frame of scores: the truth's bounding box centred
-/// at the origin with its longest side 1 (docs/reference/training.md, 7.1), whatever normalisation ICP ran on. With
+/// at the origin with its longest side 1 (docs/reference/training.md, 7.1), whatever normalisation ICP ran on; of the
+/// truth's joints where it has no mesh. With
 /// NormalizationMode::kNone it is the truth's own frame and unit.
 struct Alignment {
   Similarity prediction;  ///< prediction's file → frame of scores

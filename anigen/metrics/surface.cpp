@@ -104,6 +104,23 @@ double measure(const SurfaceSamples& samples, const Mesh& other, const geometry:
   return cosines / static_cast<double>(distances.size());
 }
 
+/// Without faces that no sample falls on, unless there are no others: what is no surface for one side is none for the
+/// other.
+Mesh faces_with_area(const Mesh& mesh) {
+  constexpr double kThinnest = 1e-12;  // of the square of the longest edge: rounding of a line
+  Mesh result;
+  result.vertices = mesh.vertices;
+  for (const auto& face : mesh.faces) {
+    const auto is_bad = [&](std::int32_t index) { return index < 0 || at(index) >= mesh.vertices.size(); };
+    if (std::any_of(face.begin(), face.end(), is_bad)) return mesh;  // refused when samples are drawn
+    const Eigen::Vector3d a = mesh.vertices[at(face[0])].cast<double>(), b = mesh.vertices[at(face[1])].cast<double>(),
+                          c = mesh.vertices[at(face[2])].cast<double>();
+    const double longest = std::max({(b - a).squaredNorm(), (c - a).squaredNorm(), (c - b).squaredNorm()});
+    if ((b - a).cross(c - a).norm() > kThinnest * longest) result.faces.push_back(face);
+  }
+  return result.faces.empty() ? mesh : result;
+}
+
 SurfaceScores scores(const CloudDistances& distances, double consistency) {
   SurfaceScores result;
   result.chamfer = chamfer_l1(distances);
@@ -190,8 +207,8 @@ SurfaceScores surface_scores(const Mesh& prediction, const geometry::NearestSurf
 SurfaceScores surface_scores(const Mesh& prediction, const Mesh& truth, const SurfaceOptions& options) {
   if (options.definition == SurfaceDistance::kSampleToSample)
     return between_samples(draw(prediction, options), draw(truth, options));
-  return surface_scores(prediction, geometry::NearestSurface(prediction), truth, geometry::NearestSurface(truth),
-                        options);
+  const Mesh a = faces_with_area(prediction), b = faces_with_area(truth);
+  return surface_scores(a, geometry::NearestSurface(a), b, geometry::NearestSurface(b), options);
 }
 
 }  // namespace anigen::metrics

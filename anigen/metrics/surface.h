@@ -87,7 +87,8 @@ struct SurfaceScores {
   double normal_consistency = 0.0;  ///< with the normals of faces, not smoothed
 };
 
-/// Samples come from the streams (seed, "surface metrics"), the same for both meshes. Runs on the calling thread.
+/// Samples come from the streams (seed, "surface metrics"), the same for both meshes. Faces without area count on
+/// neither side, unless a mesh has no others. Runs on the calling thread.
 /// @throws InputError when a mesh has no faces or bad ones, a position is not finite, or samples is 0
 SurfaceScores surface_scores(const Mesh& prediction, const Mesh& truth, const SurfaceOptions& options = {});
 

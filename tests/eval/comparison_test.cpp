@@ -5,9 +5,11 @@
 #include "anigen/core/config.h"
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
+#include "anigen/core/numeric.h"
 #include "anigen/eval/comparison.h"
 #include "anigen/eval/comparison_report.h"
 #include "anigen/eval/evaluate_command.h"
+#include "anigen/eval/method_differences.h"
 #include "anigen/eval/skeleton_groups.h"
 #include "tests/support/paths.h"
 #include "tests/support/rig_files.h"
@@ -64,9 +66,11 @@ TEST(Comparison, EverySkeletonCountsOnce) {
   EXPECT_NEAR(skeletons->results[0][1].value("j2j"), 0.15, 1e-12);
   EXPECT_NEAR(summarize_metric(*skeletons, 0, "j2j").summary.mean, 0.5 * (0.15 + 0.3), 1e-12);
   EXPECT_EQ(failures(*skeletons, 1), 1U);
-  const Table table = skeleton_mean_table(*skeletons);
+  const Table table = skeleton_mean_table(*skeletons, comparison);
   EXPECT_EQ(table.rows[0][1], "2");
   EXPECT_EQ(table.rows[1][1], "1");
+  EXPECT_EQ(table.rows[0][2], "3") << "assets";
+  EXPECT_EQ(table.rows[1][2], "2");
   EXPECT_NE(to_markdown(comparison).find("Every skeleton once"), std::string::npos);
   EXPECT_NEAR(to_json(comparison)["over_skeletons"]["methods"]["ours"]["j2j"]["mean"].get<double>(), 0.225, 1e-12);
   for (const std::size_t i : {0U, 1U, 2U}) comparison.results[0][i].details["skeleton"] = std::to_string(i);
@@ -150,6 +154,55 @@ TEST(Comparison, JudgesDifferencesOnlyWithEnoughAssets) {
     comparison.results[1].push_back(result("more", 0.3, 0.5 + 0.01 * (i % 2 ? i : -i)));
   }
   EXPECT_EQ(difference_table(comparison).rows[0].back(), "worse");
+}
+
+// Many assets of one skeleton are one sample: 12 of a tree on which the second method is worse, 8 others on which it is
+// better.
+TEST(Comparison, JudgesDifferencesOverSkeletons) {
+  Comparison comparison = two_methods();
+  comparison.results.assign(2, {});
+  comparison.ids.clear();
+  for (int i = 0; i < 20; ++i) {
+    comparison.ids.push_back(std::to_string(i));
+    comparison.results[0].push_back(result(comparison.ids.back(), 0.2, 0.5));
+    comparison.results[1].push_back(result(comparison.ids.back(), i < 12 ? 0.4 : 0.15, 0.5));
+  }
+  EXPECT_EQ(difference_table(comparison).columns[4], "assets");
+  EXPECT_EQ(difference_table(comparison).rows[0].back(), "worse");
+  for (int i = 0; i < 20; ++i) comparison.results[0][at(i)].details["skeleton"] = i < 12 ? "common" : std::to_string(i);
+  const PairedDifference difference = difference_to_first(comparison, 1, "j2j");
+  EXPECT_EQ(difference.n, 9U);
+  EXPECT_NEAR(difference.mean, (0.2 - 8 * 0.05) / 9.0, 1e-12);
+  EXPECT_EQ(difference_table(comparison).columns[4], "skeletons");
+  EXPECT_EQ(difference_table(comparison).rows[0].back(), "no clear difference");
+  EXPECT_EQ(to_json(comparison)["differences"]["other_1"]["j2j"]["n"], 9);
+}
+
+TEST(Comparison, WhatWasMeasuredInDifferentWaysIsNotRanked) {
+  Comparison comparison = two_methods();
+  const auto registered = [&](std::size_t method, const char* by) {
+    for (PairResult& one : comparison.results[method]) one.details["alignment"]["by"] = by;
+  };
+  registered(0, "surface");
+  registered(1, "surface");
+  EXPECT_EQ(ranks(comparison, metric("j2j")), (std::vector<int>{1, 2}));
+  registered(1, "joints");
+  EXPECT_EQ(ranks(comparison, metric("j2j")), (std::vector<int>{0, 0}));
+  EXPECT_EQ(difference_table(comparison).rows[0].back(), "measured in different ways");
+  EXPECT_EQ(to_json(comparison)["differences"]["other_1"]["j2j"]["measured_alike"], false);
+}
+
+TEST(Comparison, NoValueIsNoZeroAndLatexTellsOfFailures) {
+  Comparison comparison = two_methods();
+  comparison.results[1][2] = {};
+  comparison.results[1][2].failure = "no prediction";
+  for (PairResult& one : comparison.results[1]) one.values.erase("fscore");
+  for (const auto& row : metric_summary_table(comparison, 1).rows) {
+    if (row[1] != "fscore") continue;
+    EXPECT_EQ(row, (std::vector<std::string>{row[0], "fscore", row[2], "–", "–", "–", "–", "0"}));
+  }
+  EXPECT_NE(to_latex(comparison).find("(n 2)"), std::string::npos);
+  EXPECT_EQ(method_table(comparison, {&metric("j2j")}).rows[1][3].find("(n"), std::string::npos);
 }
 
 TEST(Comparison, ValuesThatDifferByRoundingReadEqualInEveryTable) {

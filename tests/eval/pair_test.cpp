@@ -197,6 +197,9 @@ TEST(Fingerprint, ChangesWithEverythingThatIsMeasured) {
   changed.clips = std::make_shared<io::RigClips>(clips);
   EXPECT_NE(fingerprint(changed), with_clip);
   changed = shape;
+  changed.mesh.normals.assign(changed.mesh.vertices.size(), Eigen::Vector3f::UnitX());
+  EXPECT_NE(fingerprint(changed), before);
+  changed = shape;
   std::swap(changed.mesh.faces[0], changed.mesh.faces[1]);
   EXPECT_NE(fingerprint(changed), before);
 }

@@ -246,6 +246,17 @@ TEST(Align, ShapesWithoutASurfaceUseVerticesOrJoints) {
   EXPECT_EQ(to_string(alignment.by), "joints");
 }
 
+TEST(Align, TheUnitIsTheTruthsMeshAlsoWhereJointsAreRegistered) {
+  const io::RiggedShape truth = test::rigged(test::walker(9));
+  io::RiggedShape bones = truth;
+  bones.mesh = {};
+  bones.skin = {};
+  const Alignment of_mesh = align(truth, truth, light_alignment()), of_joints = align(bones, truth, light_alignment());
+  EXPECT_EQ(of_joints.by, AlignedBy::kJoints);
+  EXPECT_NEAR(of_joints.truth.scale, of_mesh.truth.scale, 1e-12);
+  EXPECT_LT(joint_distance(of_joints, bones, truth), 1e-6);
+}
+
 TEST(Align, BadShapesAreNamed) {
   io::RiggedShape truth = test::rigged(test::walker(5)), nothing;
   nothing.file = "empty.glb";

@@ -113,6 +113,21 @@ TEST(SurfaceMetrics, CopiesScoreZeroWhateverTheTessellation) {
   EXPECT_NEAR(scores.normal_consistency, 1.0, 1e-6);
 }
 
+// Samples never fall on a face without area, so it must not catch those of the other side either.
+TEST(SurfaceMetrics, FacesWithoutAreaAreNoSurface) {
+  Mesh corner = square(0, 20);
+  corner.faces.resize(4);
+  const SurfaceScores bare = surface_scores(corner, square(0, 3), few());
+  for (int i = 0; i <= 20; ++i) {  // lines across the square
+    const auto first = static_cast<std::int32_t>(corner.vertices.size());
+    for (const float x : {0.0f, 0.5f, 1.0f}) corner.vertices.emplace_back(x, static_cast<float>(i) / 20.0f, 0.0f);
+    corner.faces.push_back({first, first + 1, first + 2});
+  }
+  const SurfaceScores lined = surface_scores(corner, square(0, 3), few());
+  EXPECT_EQ(lined.recall_005, bare.recall_005);
+  EXPECT_EQ(lined.chamfer, bare.chamfer);
+}
+
 TEST(SurfaceMetrics, ParallelSquaresAreAsFarApartAsTheyAre) {
   const SurfaceScores near = surface_scores(square(0.03, 5), square(0, 2), few());
   EXPECT_NEAR(near.chamfer, 0.03, 1e-7);
@@ -181,6 +196,9 @@ TEST(SurfaceMetrics, RefuseBadInput) {
   broken.vertices[0].x() = NAN;
   EXPECT_THROW(surface_scores(broken, good, few()), InputError);
   EXPECT_THROW(surface_scores(good, broken, few(SurfaceDistance::kSampleToSample)), InputError);
+  broken = good;
+  broken.faces[0][1] = 99;
+  EXPECT_THROW(surface_scores(good, broken, few()), InputError);
   SurfaceOptions none;
   none.samples = 0;
   EXPECT_THROW(surface_scores(good, good, none), InputError);
