@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/core/config.h"
@@ -27,7 +28,9 @@ const char* word_of(Verdict verdict);
 struct ClaimResult {
   ClaimSpec spec;
   Cell of, over;
-  eval::PairedDifference by_asset;  ///< of means over seeds, paired by asset; 95 % by bootstrap
+  std::pair<double, double> here;   ///< means of both on what both have (paired()), or costs
+  std::size_t assets = 0;           ///< that either has; by_asset.n of them count
+  eval::PairedDifference by_asset;  ///< of means over seeds, paired by asset and seed; 95 % by bootstrap
   std::vector<double> by_seed;      ///< advantage of the means over assets, per seed; one without several seeds
   eval::Interval seed_interval;     ///< 95 % by Student's t; without width for one seed, which then decides nothing
   Verdict verdict = Verdict::kNotRun;

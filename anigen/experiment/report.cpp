@@ -90,8 +90,9 @@ std::string spread_text(const ResultTable& result) {
 }
 
 std::string difference_text() {
-  return "Against the first variant, asset by asset, each asset's value being its mean over the seeds: mean, 95 % "
-         "bootstrap interval over assets, p by exchanging signs at random (from 6 assets on).";
+  return "Against the first variant, asset by asset, each asset's value being its mean over the seeds in which both "
+         "have one: "
+         "mean, 95 % bootstrap interval over assets, p by exchanging signs at random (from 6 assets on).";
 }
 
 /// "Not run yet: …."; empty when nothing is missing.

@@ -72,21 +72,24 @@ fs::path last_file(const fs::path& folder, const std::string& file) {
 }
 
 Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string& purpose) {
-  // Equal values again and again are one run that all seeds share: an interval over them would have no width.
   if (std::adjacent_find(seeds.begin(), seeds.end(), std::not_equal_to<>()) == seeds.end() && !seeds.empty())
     seeds.resize(1);
   Cell cell;
   std::map<std::string, std::vector<double>> assets;
   for (const auto& values : seeds) {
-    if (values.empty()) continue;
     std::vector<double> all;
     for (const auto& [id, value] : values) {
       all.push_back(value);
       assets[id].push_back(value);
     }
-    cell.by_seed.push_back(mean_of(all));
-    cell.seed_assets.push_back(values);
+    if (!all.empty()) cell.by_seed.push_back(mean_of(all));
   }
+  // Equal values again and again are one run that all seeds share: an interval over them would have no width.
+  const auto is_there = [](const auto& values) { return !values.empty(); };
+  const auto first = std::find_if(seeds.begin(), seeds.end(), is_there);
+  if (std::all_of(seeds.begin(), seeds.end(), [&](const auto& values) { return values.empty() || values == *first; }))
+    cell.by_seed.resize(std::min<std::size_t>(cell.by_seed.size(), 1));
+  cell.seed_assets = std::move(seeds);
   if (!cell.has()) return cell;
   std::vector<double> all;
   for (const auto& [id, values] : assets) all.push_back(cell.by_asset[id] = mean_of(values));
@@ -110,7 +113,10 @@ std::vector<Row> rows_of(const std::string& variant, const std::vector<Metrics>&
     std::vector<std::vector<std::map<std::string, double>>> by_column(spec.columns.size());
     for (const Metrics& metrics : seeds) {
       const auto found = metrics.values.find(method);
-      if (found == metrics.values.end()) continue;
+      if (found == metrics.values.end()) {
+        for (auto& column : by_column) column.emplace_back();
+        continue;
+      }
       row.assets += metrics.assets.at(method);
       row.failed += metrics.failed.at(method);
       for (std::size_t c = 0; c < by_column.size(); ++c) by_column[c].push_back(found->second[c]);
@@ -125,26 +131,37 @@ std::vector<Row> rows_of(const std::string& variant, const std::vector<Metrics>&
 Difference difference_of(const std::vector<Row>& rows, std::size_t row, std::size_t against, const TableSpec& spec) {
   Difference result{row, against, {}, {}};
   for (std::size_t c = 0; c < spec.columns.size(); ++c) {
-    const auto &mine = rows[row].cells[c].by_asset, &others = rows[against].cells[c].by_asset;
-    std::vector<double> first, second, differences;
-    for (const auto& [id, value] : mine) {
-      const auto other = others.find(id);
-      if (other == others.end()) continue;
-      first.push_back(value);
-      second.push_back(other->second);
-      differences.push_back(eval::difference(value, other->second));
-    }
+    const PairedCells pairs = paired(rows[row].cells[c], rows[against].cells[c]);
+    std::vector<double> differences;
+    for (std::size_t i = 0; i < pairs.first.size(); ++i)
+      differences.push_back(eval::difference(pairs.first[i], pairs.second[i]));
     const std::string purpose = rows[row].variant + spec.columns[c].key;
-    result.columns.push_back(eval::paired_difference(first, second, 0, purpose));
+    result.columns.push_back(eval::paired_difference(pairs.first, pairs.second, 0, purpose));
     result.p.push_back(sign_flip_p(differences, purpose));
   }
   return result;
 }
 
-std::vector<std::string> assets_of(const Cell& cell) {
-  std::vector<std::string> ids;
-  for (const auto& [id, value] : cell.by_asset) ids.push_back(id);
-  return ids;
+/// Number of seeds that two cells are compared in; 0 where they have other ones.
+std::size_t common_seeds(const Cell& first, const Cell& second) {
+  const std::size_t a = first.seed_assets.size(), b = second.seed_assets.size();
+  return a == b || b == 1 ? a : a == 1 ? b : 0;
+}
+
+const std::map<std::string, double>& assets_in(const Cell& cell, std::size_t seed) {
+  return cell.seed_assets[cell.seed_assets.size() == 1 ? 0 : seed];
+}
+
+/// True when both have values for the same assets in every seed.
+bool same_assets(const Cell& first, const Cell& second) {
+  const std::size_t seeds = common_seeds(first, second);
+  for (std::size_t s = 0; s < seeds; ++s) {
+    const auto &a = assets_in(first, s), &b = assets_in(second, s);
+    if (!std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](const auto& one, const auto& other) { return one.first == other.first; }))
+      return false;
+  }
+  return seeds > 0;
 }
 
 /// Place of every row by mean: 1 best, 2 second, equal ones alike; 0 for the others and where nothing can be ranked, as
@@ -154,7 +171,7 @@ std::vector<int> ranks(const ResultTable& result, std::size_t column) {
   const Column::Better better = result.spec.columns[column].better;
   const std::vector<std::string>& references = result.spec.not_ranked;
   std::vector<double> means;
-  std::optional<std::vector<std::string>> assets;
+  const Cell* first = nullptr;
   std::size_t ranked = 0;
   for (const Row& row : result.rows) {
     const bool is_reference = std::find(references.begin(), references.end(), row.method) != references.end();
@@ -163,8 +180,8 @@ std::vector<int> ranks(const ResultTable& result, std::size_t column) {
     means.push_back(has ? cell.mean : std::numeric_limits<double>::quiet_NaN());
     if (!has) continue;
     ++ranked;
-    if (!assets) assets = assets_of(cell);
-    if (*assets != assets_of(cell)) return none;
+    if (first == nullptr) first = &cell;
+    if (!same_assets(*first, cell)) return none;
   }
   if (better == Column::Better::kNone || ranked < 2) return none;
   return eval::places(means, better == Column::Better::kLower);
@@ -186,6 +203,50 @@ bool named_variants(const ResultTable& result) {
 }
 
 }  // namespace
+
+PairedCells paired(const Cell& first, const Cell& second) {
+  struct Sums {
+    double first = 0.0, second = 0.0;
+    std::size_t count = 0;
+  };
+  PairedCells result;
+  std::map<std::string, Sums> assets;
+  const std::size_t seeds = common_seeds(first, second);
+  bool every_seed = seeds > 0;
+  for (std::size_t s = 0; s < seeds; ++s) {
+    const auto &mine = assets_in(first, s), &others = assets_in(second, s);
+    std::vector<double> a, b, differences;
+    for (const auto& [id, value] : mine) {
+      Sums& sums = assets[id];
+      const auto other = others.find(id);
+      if (other == others.end()) continue;
+      sums.first += value;
+      sums.second += other->second;
+      ++sums.count;
+      a.push_back(value);
+      b.push_back(other->second);
+      differences.push_back(eval::difference(value, other->second));
+    }
+    for (const auto& entry : others) assets[entry.first];
+    every_seed = every_seed && !a.empty();
+    if (a.empty()) continue;
+    result.by_seed.push_back(mean_of(differences));
+    result.first_mean += mean_of(a);
+    result.second_mean += mean_of(b);
+  }
+  if (!result.by_seed.empty()) {
+    result.first_mean /= static_cast<double>(result.by_seed.size());
+    result.second_mean /= static_cast<double>(result.by_seed.size());
+  }
+  if (!every_seed) result.by_seed.clear();
+  result.assets = assets.size();
+  for (const auto& [id, sums] : assets) {
+    if (sums.count == 0) continue;
+    result.first.push_back(sums.first / static_cast<double>(sums.count));
+    result.second.push_back(sums.second / static_cast<double>(sums.count));
+  }
+  return result;
+}
 
 CsvTable metrics_table(const fs::path& file, const std::vector<Column>& columns) {
   CsvTable table = read_csv(file);
@@ -242,6 +303,7 @@ ResultTable collect_results(const Experiment& experiment, const Plan& plan, cons
       if (is_done(out, job)) {
         seeds.push_back(read_metrics(last_file(job.folder, spec.file), spec.columns));
       } else {
+        seeds.emplace_back();  // keeps its place, since seeds are compared one by one
         table.missing.push_back(job.id + (job.serves.front().empty() ? "" : " (" + job.serves.front() + ")"));
       }
     }

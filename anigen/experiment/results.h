@@ -16,11 +16,24 @@ namespace anigen::experiment {
 struct Cell {
   std::vector<double> by_seed;             ///< mean over assets, per seed that has values; one where all are the same
   std::map<std::string, double> by_asset;  ///< mean over seeds
-  std::vector<std::map<std::string, double>> seed_assets;  ///< values of the assets, per seed of by_seed
-  double mean = 0;                                         ///< of by_seed
+  /// Values of the assets, per seed of the plan, empty where a seed has none; one where all seeds give the same.
+  std::vector<std::map<std::string, double>> seed_assets;
+  double mean = 0;          ///< of by_seed
   eval::Interval interval;  ///< 95 %: over seeds by Student's t, with one seed over assets by bootstrap
   bool has() const { return !by_seed.empty(); }
 };
+
+/// Two cells on what both have: an asset counts in the seeds in which both have a value for it, so that a method which
+/// fails on it in one seed is not compared with another seed of the other one.
+struct PairedCells {
+  std::vector<double> first, second;  ///< per asset that counts in a seed: means over these seeds
+  std::vector<double> by_seed;  ///< mean of difference(first, second) per seed; empty unless each has assets that count
+  double first_mean = 0, second_mean = 0;  ///< over seeds, of the means over the assets that count there
+  std::size_t assets = 0;                  ///< that either has in any seed
+};
+
+/// @param first, second with as many seeds, or one that serves all
+PairedCells paired(const Cell& first, const Cell& second);
 
 struct Row {
   std::string variant, method;
@@ -28,7 +41,7 @@ struct Row {
   std::vector<Cell> cells;             ///< one per column
 };
 
-/// A row against the first variant's row of the same method, on the assets that both have.
+/// A row against the first variant's row of the same method, on what both have (paired()).
 struct Difference {
   std::size_t row = 0, against = 0;  ///< places in `rows`
   std::vector<eval::PairedDifference> columns;

@@ -82,7 +82,10 @@ TEST_F(ExperimentClaims, AreJudgedByAssetsAndSeeds) {
   std::string text = "id,method,failure,j2j\n7,ours,broken,\n";
   for (int i = 0; i < 7; ++i) text += std::to_string(i) + ",ours,," + std::to_string(0.8 + 0.01 * i) + "\n";
   write_file_atomically(job_of(made, 2, "score").folder / "metrics.csv", text);
-  EXPECT_NEAR(judge_claims(read, made, place_.out)[0].by_seed[0], 0.2, 1e-9);
+  const ClaimResult without = judge_claims(read, made, place_.out)[0];
+  EXPECT_NEAR(without.by_seed[0], 0.2, 1e-9);
+  EXPECT_EQ(without.assets, 8U);
+  EXPECT_NEAR(without.here.second - without.here.first, 0.2, 1e-9) << "of the same assets";
   // Seeds that disagree say nothing, however well the assets agree.
   scores(made, 2, 0.5);
   results = judge_claims(read, made, place_.out);

@@ -78,12 +78,37 @@ TEST_F(ExperimentResults, MeansOverSeedsDifferencesOverAssets) {
   EXPECT_EQ(fast.cells[0].by_seed, (std::vector<double>{3.5, 4}));
   ASSERT_EQ(result.differences.size(), 1u);
   EXPECT_EQ(result.differences[0].columns[0].n, 6u);
-  EXPECT_NEAR(result.differences[0].columns[0].mean, (5 * -0.5 - 1) / 6, 1e-12);  // the last asset: 6 against 7
-  EXPECT_NE(to_markdown(mean_table(result)).find("**3.7500"), std::string::npos);
-  EXPECT_NE(to_latex(mean_table(result)).find("\\textbf{3.7500 $\\pm$"), std::string::npos);
-  // Without a value for the hardest asset in any seed there is no place for it.
-  scores(2, {"1", "2", "3", "4", "5", ""});
-  EXPECT_EQ(to_markdown(mean_table(table())).find("**"), std::string::npos);
+  // The last asset has both values in the first seed alone, where both are 6.
+  EXPECT_NEAR(result.differences[0].columns[0].mean, 5 * -0.5 / 6, 1e-12);
+  // Without a value for the hardest asset in one seed there is no place for it.
+  EXPECT_EQ(to_markdown(mean_table(result)).find("**"), std::string::npos);
+  scores(3, {"2", "3", "4", "5", "6", "7"});
+  const ResultTable whole = table();
+  EXPECT_NE(to_markdown(mean_table(whole)).find("**4.0000"), std::string::npos);
+  EXPECT_NE(to_latex(mean_table(whole)).find("\\textbf{4.0000 $\\pm$"), std::string::npos);
+}
+
+// An asset that one side fails on in a seed is compared in the other seeds alone: an easy seed of one side is not set
+// against a hard one of the other.
+TEST(PairedCells, CompareAnAssetInTheSeedsThatBothHave) {
+  Cell of, over;
+  of.seed_assets = {{{"a", 1.0}, {"b", 0.50}}, {{"a", 1.0}}, {{"a", 1.0}}};
+  over.seed_assets = {{{"a", 1.1}, {"b", 0.47}}, {{"a", 1.04}, {"b", 0.90}}, {{"a", 1.04}, {"b", 0.90}}};
+  const PairedCells pairs = paired(of, over);
+  ASSERT_EQ(pairs.first.size(), 2U);
+  EXPECT_NEAR(pairs.first[1] - pairs.second[1], 0.03, 1e-12);
+  ASSERT_EQ(pairs.by_seed.size(), 3U);
+  EXPECT_NEAR(pairs.by_seed[0], 0.5 * (-0.1 + 0.03), 1e-12);
+  EXPECT_NEAR(pairs.by_seed[2], -0.04, 1e-12);
+  EXPECT_NEAR(pairs.first_mean, (0.75 + 1.0 + 1.0) / 3, 1e-12);
+  EXPECT_EQ(pairs.assets, 2U);
+  // A seed without anything in common says nothing, and neither do seeds that have another place.
+  of.seed_assets[1] = {};
+  EXPECT_TRUE(paired(of, over).by_seed.empty());
+  of.seed_assets.resize(2);
+  EXPECT_TRUE(paired(of, over).first.empty());
+  of.seed_assets.resize(1);  // a side that no seed changes
+  EXPECT_EQ(paired(of, over).by_seed.size(), 3U);
 }
 
 // A run that both seeds share counts once: its interval is over the assets, and not without width.
@@ -94,6 +119,9 @@ TEST_F(ExperimentResults, ARowThatNoSeedChangesHasItsAssetsInterval) {
   EXPECT_EQ(cell.by_seed, std::vector<double>{3.5});
   EXPECT_LT(cell.interval.low, 3.0);
   EXPECT_GT(cell.interval.high, 4.0);
+  // Likewise while the second seed has no value yet.
+  scores(1, {"", "", "", "", "", ""});
+  EXPECT_EQ(table().rows[0].cells[0].by_seed, std::vector<double>{3.5});
 }
 
 TEST_F(ExperimentResults, WhatIsMissingIsNamed) {

@@ -65,7 +65,8 @@ void RigScores::add_joints(const std::string& id, const std::vector<Eigen::Vecto
                      {"precision", computed ? score.precision : missing},
                      {"recall", computed ? score.recall : missing},
                      {"joints", static_cast<double>(predicted.size())},
-                     {"skipped", computed ? 0.0 : 1.0}}});
+                     {"skipped", computed ? 0.0 : 1.0}},
+                    score.not_computed});
 }
 
 void RigScores::add_connectivity(const std::string& id, const metrics::SkinMatrix& chances,
@@ -99,7 +100,7 @@ CsvTable RigScores::table() const {
     for (const auto& [name, value] : lines_.front().values) table.columns.push_back(name);
   }
   for (const Line& line : lines_) {
-    std::vector<std::string> row = {line.id, line.method, ""};
+    std::vector<std::string> row = {line.id, line.method, line.failure};
     for (const auto& [name, value] : line.values) row.push_back(std::isfinite(value) ? Json(value).dump() : "");
     table.rows.push_back(std::move(row));
   }

@@ -45,6 +45,7 @@ class RigScores {
   struct Line {
     std::string id, method;
     Values values;
+    std::string failure = {};  // why there are no scores
   };
   std::vector<Line> lines_;
 };
