@@ -72,6 +72,7 @@ fs::path last_file(const fs::path& folder, const std::string& file) {
 }
 
 Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string& purpose) {
+  // One run that all seeds share serves every seed of another cell.
   if (std::adjacent_find(seeds.begin(), seeds.end(), std::not_equal_to<>()) == seeds.end() && !seeds.empty())
     seeds.resize(1);
   Cell cell;
@@ -84,7 +85,7 @@ Cell cell_of(std::vector<std::map<std::string, double>> seeds, const std::string
     }
     if (!all.empty()) cell.by_seed.push_back(mean_of(all));
   }
-  // Equal values again and again are one run that all seeds share: an interval over them would have no width.
+  // Its interval over seeds would have no width; nor may it have one while some seeds are not there yet.
   const auto is_there = [](const auto& values) { return !values.empty(); };
   const auto first = std::find_if(seeds.begin(), seeds.end(), is_there);
   if (std::all_of(seeds.begin(), seeds.end(), [&](const auto& values) { return values.empty() || values == *first; }))

@@ -92,7 +92,7 @@ struct SurfaceScores {
 /// @throws InputError when a mesh has no faces or bad ones, a position is not finite, or samples is 0
 SurfaceScores surface_scores(const Mesh& prediction, const Mesh& truth, const SurfaceOptions& options = {});
 
-/// As above, with search structures that exist already, which belong to the same meshes.
+/// As above, with search structures that exist already, which belong to the same meshes; faces without area count.
 SurfaceScores surface_scores(const Mesh& prediction, const geometry::NearestSurface& prediction_surface,
                              const Mesh& truth, const geometry::NearestSurface& truth_surface,
                              const SurfaceOptions& options = {});
