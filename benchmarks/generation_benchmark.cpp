@@ -4,12 +4,17 @@
 // bf16`; with --low-memory one model at a time, as there. --whole takes the steps as those of a whole sampling, such as
 // 12 of --adams with guidance every second step. --measures samples the 25 steps, then again with each measure that
 // spares passes or makes them cheaper (or those whose name contains WORD): its passes and seconds, and how far its
-// latents end from those.
+// latents end from those. With --keep=FOLDER each sampling is written there when it ends, and a run that was stopped
+// goes on after the last.
 //   benchmark_generation [--fp32|--int8] [--low-memory] [--steps=3 [--whole] [--adams] [--guidance-every=N]]
-//                        [--measures|--measures=WORD] [--voxels=PLY --skeleton-voxels=PLY] [--blocks=N]
-//                        [--threads=N] [--benchmark_out=FILE]
+//                        [--measures|--measures=WORD] [--keep=FOLDER] [--voxels=PLY --skeleton-voxels=PLY]
+//                        [--blocks=N] [--threads=N] [--benchmark_out=FILE]
 // Weights are a pattern, which takes as long as trained ones but gives no shape: the second flow and the decoder work
 // on the voxels given, so that reading weights, normals of the picture and finishing of the mesh are not in it.
+#include <filesystem>
+#include <optional>
+#include <stdexcept>
+
 #include "anigen/core/config.h"
 #include "anigen/core/log.h"
 #include "anigen/core/openblas.h"
@@ -36,7 +41,7 @@ constexpr double kStructureStrength = 7.5, kLatentStrength = 3.0;  // of the pub
 struct Settings : FlowSettings {
   bool low_memory = false, whole = false, adams = false, measures = false;
   long guidance_every = 1;
-  std::string measure, voxels, skeleton_voxels;
+  std::string measure, keep, voxels, skeleton_voxels;
 
   bool read(const std::string& word) {
     if (word == "--low-memory") return low_memory = true;
@@ -44,8 +49,14 @@ struct Settings : FlowSettings {
     if (word == "--adams") return adams = true;
     if (word == "--measures" || read_text(word, "measures", measure)) return measures = true;
     if (read_number(word, "guidance-every", 1, guidance_every)) return true;
-    return read_text(word, "voxels", voxels) || read_text(word, "skeleton-voxels", skeleton_voxels) ||
-           FlowSettings::read(word);
+    return read_text(word, "keep", keep) || read_text(word, "voxels", voxels) ||
+           read_text(word, "skeleton-voxels", skeleton_voxels) || FlowSettings::read(word);
+  }
+  // Everything that changes latents or their cost.
+  std::string described() const {
+    return std::string(torch::toString(dtypes.front())) + (low_memory ? ", low memory, " : ", ") +
+           std::to_string(blocks) + " blocks, " + std::to_string(steps) + " steps, " + std::to_string(threads) +
+           " threads, voxels '" + voxels + "' and '" + skeleton_voxels + "'";
   }
 };
 
@@ -96,6 +107,55 @@ struct Outcome {
   std::int64_t passes = 0;
   double seconds = 0.0;
   std::vector<double> distances;  // ‖z − z'‖ / ‖z'‖ of every stream of both flows, z' of the first measure
+
+  void add(const Outcome& of_a_flow) {
+    passes += of_a_flow.passes;
+    seconds += of_a_flow.seconds;
+    distances.insert(distances.end(), of_a_flow.distances.begin(), of_a_flow.distances.end());
+  }
+};
+
+// The samplings of a run in the folder of --keep, and the latents that the others are measured by.
+class KeptSamplings {
+ public:
+  KeptSamplings(const std::string& folder, const std::string& settings) : folder_(folder) {
+    if (folder_.empty()) return;
+    std::filesystem::create_directories(folder_);
+    rows_ = {{"settings", settings}, {"samplings", Json::object()}};
+    if (!std::filesystem::exists(file())) return;
+    rows_ = Json::parse(read_file(file()));
+    if (rows_.at("settings") == settings) return;
+    throw std::runtime_error(file() + " is of other settings: " + rows_.at("settings").dump() + " and not " + settings);
+  }
+
+  std::optional<Outcome> find(const std::string& flow, const std::string& measure) const {
+    const std::string name = flow + ", " + measure;
+    if (folder_.empty() || !rows_.at("samplings").contains(name)) return std::nullopt;
+    const Json& row = rows_.at("samplings").at(name);
+    return Outcome{row.at("passes"), row.at("seconds"), row.at("distances").get<std::vector<double>>()};
+  }
+  void add(const std::string& flow, const std::string& measure, const Outcome& outcome) {
+    if (folder_.empty()) return;
+    rows_["samplings"][flow + ", " + measure] = {
+        {"passes", outcome.passes}, {"seconds", outcome.seconds}, {"distances", outcome.distances}};
+    write_file_atomically(file(), rows_.dump(2) + "\n");
+  }
+
+  flow::Streams latents(const std::string& flow) const {
+    std::vector<Tensor> streams;
+    torch::load(streams, folder_ + "/" + flow + ".pt");
+    return streams;
+  }
+  void keep_latents(const std::string& flow, const flow::Streams& streams) const {
+    if (!folder_.empty())
+      torch::save(std::vector<Tensor>(streams.begin(), streams.end()), folder_ + "/" + flow + ".pt");
+  }
+
+ private:
+  std::string file() const { return folder_ + "/samplings.json"; }
+
+  const std::string folder_;
+  Json rows_;
 };
 
 // Seconds of the parts, of sampling those of kPublishedSteps.
@@ -171,7 +231,11 @@ Model patterned(const Options& options, torch::Dtype dtype) {
 class Generation {
  public:
   explicit Generation(const Settings& settings)
-      : settings_(settings), measures_(measures_of(settings)), outcomes_(measures_.size()), parts_(settings) {}
+      : settings_(settings),
+        measures_(measures_of(settings)),
+        outcomes_(measures_.size()),
+        kept_samplings_(settings.keep, settings.described()),
+        parts_(settings) {}
 
   void run() {
     const torch::NoGradGuard no_grad;
@@ -258,31 +322,43 @@ class Generation {
               double strength) {
     flow::Streams reference;
     for (std::size_t i = 0; i < measures_.size(); ++i) {
-      flow::SamplerOptions options = measures_[i].sampler;
-      options.cfg_strength = strength;
-      Progress progress(name + (i == 0 ? "" : ", " + measures_[i].name), static_cast<std::size_t>(options.steps),
-                        "steps");
-      flow::SamplingExtras extras;
-      extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
-      flow::Sampled sampled;
-      const double seconds = seconds_of([&] { sampled = flow::sample_flow(noise, velocities, options, extras); });
-      if (i == 0) {
-        parts_.add(name, seconds, options.steps);
-        reference = sampled.samples;
+      const std::string& measure = measures_[i].name;
+      std::optional<Outcome> outcome = kept_samplings_.find(name, measure);
+      if (outcome && i == 0) reference = kept_samplings_.latents(name);
+      if (!outcome) {
+        outcome = sample_by(measures_[i], name, noise, velocities, strength, reference);
+        if (i == 0) kept_samplings_.keep_latents(name, reference);
+        kept_samplings_.add(name, measure, *outcome);
       }
-      Outcome& outcome = outcomes_[i];
-      outcome.passes += sampled.passes;
-      outcome.seconds += seconds;
-      std::printf("  %-36s %6lld passes %9.1f s, distances", measures_[i].name.c_str(),
-                  static_cast<long long>(sampled.passes), seconds);
-      for (std::size_t stream = 0; stream < reference.size(); ++stream) {
-        outcome.distances.push_back(
-            ((sampled.samples[stream] - reference[stream]).norm() / reference[stream].norm()).item<double>());
-        std::printf(" %.4f", outcome.distances.back());
-      }
+      if (i == 0) parts_.add(name, outcome->seconds, measures_[i].sampler.steps);
+      outcomes_[i].add(*outcome);
+      std::printf("  %-36s %6lld passes %9.1f s, distances", measure.c_str(), static_cast<long long>(outcome->passes),
+                  outcome->seconds);
+      for (const double distance : outcome->distances) std::printf(" %.4f", distance);
       std::printf("\n");
       std::fflush(stdout);  // a whole table takes hours, and may be stopped
     }
+  }
+
+  // Samples a flow. @param reference becomes its latents where it is empty
+  static Outcome sample_by(const Measure& measure, const std::string& name, const flow::Streams& noise,
+                           const flow::Velocities& velocities, double strength, flow::Streams& reference) {
+    flow::SamplerOptions options = measure.sampler;
+    options.cfg_strength = strength;
+    Progress progress(name + (reference.empty() ? "" : ", " + measure.name), static_cast<std::size_t>(options.steps),
+                      "steps");
+    flow::SamplingExtras extras;
+    extras.progress = [&](std::int64_t, std::int64_t) { progress.advance(); };
+    flow::Sampled sampled;
+    Outcome outcome;
+    outcome.seconds = seconds_of([&] { sampled = flow::sample_flow(noise, velocities, options, extras); });
+    outcome.passes = sampled.passes;
+    if (reference.empty()) reference = sampled.samples;
+    for (std::size_t stream = 0; stream < reference.size(); ++stream) {
+      outcome.distances.push_back(
+          ((sampled.samples[stream] - reference[stream]).norm() / reference[stream].norm()).item<double>());
+    }
+    return outcome;
   }
 
   void print_measures() const {
@@ -301,6 +377,7 @@ class Generation {
   const Settings& settings_;
   const std::vector<Measure> measures_;
   std::vector<Outcome> outcomes_;
+  KeptSamplings kept_samplings_;
   Parts parts_;
   std::vector<std::shared_ptr<torch::nn::Module>> kept_;
   Tensor tokens_;
@@ -316,14 +393,15 @@ int main(int argc, char** argv) {
     if (settings.read(argv[i])) continue;
     std::fprintf(stderr,
                  "usage: benchmark_generation [--fp32|--int8] [--low-memory] [--steps=N [--whole] [--adams] "
-                 "[--guidance-every=N]] [--measures|--measures=WORD] [--voxels=PLY --skeleton-voxels=PLY] "
-                 "[--blocks=N] [--threads=N] [--benchmark_out=FILE]\n");
+                 "[--guidance-every=N]] [--measures|--measures=WORD] [--keep=FOLDER] [--voxels=PLY "
+                 "--skeleton-voxels=PLY] [--blocks=N] [--threads=N] [--benchmark_out=FILE]\n");
     return 2;
   }
   settings.whole = settings.whole || settings.measures;  // what was measured is what counts
   if (settings.steps == 0) settings.steps = settings.measures ? static_cast<int>(kPublishedSteps) : 3;
   if (settings.dtypes.empty()) settings.dtypes = {torch::kBFloat16};
   try {
+    if (!settings.keep.empty() && !settings.measures) throw std::runtime_error("--keep goes with --measures");
     anigen::keep_freed_memory();  // as the programs do
     at::set_num_threads(settings.threads > 0 ? settings.threads : anigen::thread_count());
     Generation(settings).run();
