@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -15,22 +16,42 @@ namespace anigen::experiment {
 namespace {
 
 constexpr std::size_t kFewestAssets = 6;
+constexpr double kSignificance = 0.05;
+constexpr const char* kModelMethod = "model";
 
-/// A side's numbers. @param missing gets the jobs that have not been run
+/// p of the differences from the margin (sign_flip_p()), which holds for few assets too, where the percentiles of the
+/// bootstrap are too close.
+double p_of(const std::vector<double>& first, const std::vector<double>& second, const ClaimSpec& spec) {
+  std::vector<double> differences;
+  for (std::size_t i = 0; i < std::min(first.size(), second.size()); ++i) {
+    if (std::isfinite(first[i]) && std::isfinite(second[i]))
+      differences.push_back(eval::difference(first[i], second[i]) - spec.margin);
+  }
+  return sign_flip_p(differences, spec.text);
+}
+
+/// A side's numbers. Without a method's name: of "model", which trainings write beside their baselines, or of the only
+/// one. @param problem gets the jobs that have not been run, and methods of which none is named
 Cell side_cell(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out, const ClaimSide& side,
-               const Column& column, std::vector<std::string>& missing) {
+               const Column& column, std::vector<std::string>& problem) {
   TableSpec wanted;
   wanted.step = side.step;
   wanted.file = side.file;
   wanted.columns = {column};
   if (!side.key.empty()) wanted.columns.front().key = side.key;
   const ResultTable table = collect_results(experiment, plan, out, wanted, side.variant);
-  for (const std::string& job : table.missing) {
-    if (std::find(missing.begin(), missing.end(), job) == missing.end()) missing.push_back(job);
-  }
+  const auto say = [&](const std::string& text) {
+    if (std::find(problem.begin(), problem.end(), text) == problem.end()) problem.push_back(text);
+  };
+  for (const std::string& job : table.missing) say(job);
+  const std::string wanted_method = side.method.empty() && table.rows.size() > 1 ? kModelMethod : side.method;
+  std::vector<std::string> methods;
   for (const Row& row : table.rows) {
-    if (side.method.empty() || row.method == side.method) return row.cells[0];
+    if (wanted_method.empty() || row.method == wanted_method) return row.cells[0];
+    methods.push_back(row.method);
   }
+  if (side.method.empty() && !methods.empty())
+    say(side_text(side) + " has the methods " + joined(methods) + ", and the claim names none");
   return {};
 }
 
@@ -67,6 +88,7 @@ ClaimResult judged(const Experiment& experiment, const Plan& plan, const std::fi
     for (double& value : *values) value *= sign;
   }
   result.by_asset = eval::paired_difference(pairs.first, pairs.second, 0, spec.text);
+  result.p = p_of(pairs.first, pairs.second, spec);
   result.by_seed = std::move(pairs.by_seed);
   result.here = {pairs.first_mean, pairs.second_mean};
   result.assets = pairs.assets;
@@ -81,27 +103,47 @@ ClaimResult judged(const Experiment& experiment, const Plan& plan, const std::fi
     result.reason = "one seed";
     return result;
   }
-  result.verdict = verdict_of(result.by_asset, result.seed_interval, result.by_seed.size(), spec.margin);
+  result.verdict = verdict_of(result.by_asset, result.p, result.seed_interval, result.by_seed.size(), spec.margin);
   return result;
 }
 
-/// A side of a claim about costs: one value per job for seconds, else one that repeats itself.
-std::optional<Cell> cost_cell(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
-                              const ClaimSpec& spec, const ClaimSide& side) {
+/// A side of a claim about costs.
+struct CostSide {
+  Cell cell;                ///< one value per job for seconds, else one that repeats itself
+  std::set<CoreShare> ran;  ///< of times
+};
+
+/// Shares of the cores, where the jobs of both sides had several: such times cannot be compared. Else empty.
+std::string unlike_shares(const CostSide& of, const CostSide& over) {
+  std::set<CoreShare> shares = of.ran;
+  shares.insert(over.ran.begin(), over.ran.end());
+  if (shares.size() < 2 && (shares.empty() || shares.begin()->threads != CoreShare::kChanged)) return "";
+  std::vector<std::string> words;
+  for (const CoreShare& share : shares) words.push_back(share.text());
+  return "times are of " + joined(words, "; ");
+}
+
+std::optional<CostSide> cost_side(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out,
+                                  const ClaimSpec& spec, const ClaimSide& side) {
   for (const CostSpec& costs : experiment.costs) {
     for (const MethodCost& cost : method_costs(plan, out, costs)) {
       if (cost.label != side.method || cost.jobs < cost.wanted || cost.jobs == 0) continue;
       if (spec.cost == "parameters" && cost.parameters < 0) return {};
-      Cell cell;
-      if (spec.cost == "seconds") cell.by_seed = cost.by_job;
+      CostSide known;
+      Cell& cell = known.cell;
+      if (spec.cost == "seconds") {
+        cell.by_seed = cost.by_job;
+        known.ran = cost.ran;
+      }
       if (spec.cost == "memory") cell.by_seed = {1e-9 * static_cast<double>(cost.peak_bytes)};
       if (spec.cost == "parameters") cell.by_seed = {1e-6 * static_cast<double>(cost.parameters)};
       if (spec.cost == "training") {
         for (const double seconds : cost.training_by_seed) cell.by_seed.push_back(seconds / 60.0);
         if (cell.by_seed.empty()) return {};
+        known.ran = cost.training_ran;
       }
       for (const double value : cell.by_seed) cell.mean += value / static_cast<double>(cell.by_seed.size());
-      return cell;
+      return known;
     }
   }
   return {};
@@ -112,18 +154,19 @@ ClaimResult judged_cost(const Experiment& experiment, const Plan& plan, const st
                         const ClaimSpec& spec) {
   ClaimResult result;
   result.spec = spec;
-  const auto of = cost_cell(experiment, plan, out, spec, spec.of),
-             over = cost_cell(experiment, plan, out, spec, spec.over);
+  const auto of = cost_side(experiment, plan, out, spec, spec.of),
+             over = cost_side(experiment, plan, out, spec, spec.over);
   if (!of || !over) {
     result.reason = "no cost of " + (of ? spec.over : spec.of).method;
     return result;
   }
-  result.of = *of;
-  result.over = *over;
+  result.of = of->cell;
+  result.over = over->cell;
   result.here = {result.of.mean, result.over.mean};
   result.by_seed = cost_advantages(result.of, result.over);
-  if (result.by_seed.empty()) {
-    result.reason = "both sides need the same seeds";
+  result.reason = result.by_seed.empty() ? "both sides need the same seeds" : unlike_shares(*of, *over);
+  if (!result.reason.empty()) {
+    result.by_seed.clear();
     return result;
   }
   result.seed_interval = student_interval(result.by_seed);
@@ -181,9 +224,9 @@ const char* word_of(Verdict verdict) {
   return "not run";
 }
 
-Verdict verdict_of(const eval::PairedDifference& by_asset, const eval::Interval& over_seeds, std::size_t seeds,
-                   double margin) {
-  if (by_asset.n < kFewestAssets) return Verdict::kTooSmall;
+Verdict verdict_of(const eval::PairedDifference& by_asset, double p, const eval::Interval& over_seeds,
+                   std::size_t seeds, double margin) {
+  if (by_asset.n < kFewestAssets || !(p < kSignificance)) return Verdict::kTooSmall;
   const bool counts_seeds = seeds > 1;
   if (by_asset.interval.low > margin && (!counts_seeds || over_seeds.low > margin)) return Verdict::kConfirmed;
   if (by_asset.interval.high < margin && (!counts_seeds || over_seeds.high < margin)) return Verdict::kRefuted;
@@ -213,7 +256,8 @@ Table claim_table(const std::vector<ClaimResult>& claims) {
       if (spec.cost.empty())
         assets = advantage_text(claim.by_asset.mean, claim.by_asset.interval, digits) + ", " +
                  std::to_string(claim.by_asset.n) +
-                 (claim.by_asset.n < claim.assets ? " of " + std::to_string(claim.assets) : "");
+                 (claim.by_asset.n < claim.assets ? " of " + std::to_string(claim.assets) : "") +
+                 (std::isfinite(claim.p) ? ", p " + fixed(claim.p, 4) : "");
       double sum = 0.0;
       for (const double advantage : claim.by_seed) sum += advantage;
       const auto count = claim.by_seed.size();
@@ -233,9 +277,9 @@ Table claim_table(const std::vector<ClaimResult>& claims) {
 std::string claim_text() {
   return "Advantage of the first over the second, positive where it is better, with 95 % intervals: over assets (means "
          "over seeds, paired, bootstrap; number of assets, and of how many where a method has no value for some, which "
-         "are left out on both sides) and over seeds (Student's t; number of seeds). Confirmed or "
-         "refuted: both lie on one side of the margin, which is 0 where none is named; trainings of one seed say "
-         "nothing.";
+         "are left out on both sides; p by exchanging signs at random) and over seeds (Student's t; number of seeds). "
+         "Confirmed or refuted: both lie on one side of the margin, which is 0 where none is named, and p is below "
+         "0.05; trainings of one seed say nothing.";
 }
 
 Json claims_json(const std::vector<ClaimResult>& claims) {
@@ -258,7 +302,8 @@ Json claims_json(const std::vector<ClaimResult>& claims) {
                             {"low", claim.by_asset.interval.low},
                             {"high", claim.by_asset.interval.high},
                             {"n", claim.by_asset.n},
-                            {"of", claim.assets}};
+                            {"of", claim.assets},
+                            {"p", std::isfinite(claim.p) ? Json(claim.p) : Json(nullptr)}};
       json["by_seed"] = claim.by_seed;
     }
     list.push_back(std::move(json));

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,7 +17,7 @@ namespace anigen::experiment {
 enum class Verdict {
   kConfirmed,  ///< every 95 % interval of the advantage lies above the margin
   kRefuted,    ///< every one lies below
-  kTooSmall,   ///< an interval holds the margin, or there are fewer than 6 assets, or one seed of what seeds change
+  kTooSmall,   ///< an interval holds the margin, p is .05 or more, or there is one seed of what seeds change
   kNotRun
 };
 
@@ -31,8 +32,9 @@ struct ClaimResult {
   std::pair<double, double> here;   ///< means of both on what both have (paired()), or costs
   std::size_t assets = 0;           ///< that either has; by_asset.n of them count
   eval::PairedDifference by_asset;  ///< of means over seeds, paired by asset and seed; 95 % by bootstrap
-  std::vector<double> by_seed;      ///< advantage of the means over assets, per seed; one without several seeds
-  eval::Interval seed_interval;     ///< 95 % by Student's t; without width for one seed, which then decides nothing
+  double p = std::numeric_limits<double>::quiet_NaN();  ///< of by_asset against the margin, by sign_flip_p()
+  std::vector<double> by_seed;   ///< advantage of the means over assets, per seed; one without several seeds
+  eval::Interval seed_interval;  ///< 95 % by Student's t; without width for one seed, which then decides nothing
   Verdict verdict = Verdict::kNotRun;
   std::string reason;  ///< of a verdict that could not be given
 };
@@ -41,9 +43,11 @@ struct ClaimResult {
 /// as they do in tables. @throws InputError as collect_results()
 std::vector<ClaimResult> judge_claims(const Experiment& experiment, const Plan& plan, const std::filesystem::path& out);
 
-/// Verdict of intervals against the margin. @param seeds how many the second interval is over
-Verdict verdict_of(const eval::PairedDifference& by_asset, const eval::Interval& over_seeds, std::size_t seeds,
-                   double margin);
+/// Verdict of intervals against the margin.
+/// @param p of the assets' differences from the margin; from .05 on, and NaN, nothing is decided
+/// @param seeds how many the second interval is over
+Verdict verdict_of(const eval::PairedDifference& by_asset, double p, const eval::Interval& over_seeds,
+                   std::size_t seeds, double margin);
 
 /// Claim, source, published and own numbers, advantage over assets and over seeds, verdict.
 Table claim_table(const std::vector<ClaimResult>& claims);

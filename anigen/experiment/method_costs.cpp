@@ -34,13 +34,16 @@ std::optional<JobRecord> record_when_done(const std::filesystem::path& out, cons
 }
 
 /// Mean seconds of a step's jobs that are done. @param peak becomes their largest memory, where that is more
-double mean_seconds(const Plan& plan, const std::filesystem::path& out, const std::string& step, std::uint64_t* peak) {
+/// @param ran gets their shares of the cores
+double mean_seconds(const Plan& plan, const std::filesystem::path& out, const std::string& step, std::uint64_t* peak,
+                    std::set<CoreShare>& ran) {
   double sum = 0.0;
   int count = 0;
   for (const Job* job : jobs_of_step(plan, step)) {
     const auto record = record_when_done(out, *job);
     if (!record) continue;
     sum += record->seconds;
+    ran.insert(record->share);
     ++count;
     if (peak != nullptr) *peak = std::max(*peak, static_cast<std::uint64_t>(record->peak_bytes));
   }
@@ -102,17 +105,18 @@ MethodCost cost_of_row(const Plan& plan, const std::filesystem::path& out, const
     cost.by_job.push_back(record->seconds / static_cast<double>(assets));
     cost.seconds += cost.by_job.back();
     cost.peak_bytes = std::max(cost.peak_bytes, static_cast<std::uint64_t>(record->peak_bytes));
+    cost.ran.insert(record->share);
   }
   if (cost.jobs == 0) return cost;
   cost.seconds /= static_cast<double>(cost.jobs);
   for (const std::string& step : row.before)
-    cost.seconds_before += mean_seconds(plan, out, step, &cost.peak_bytes) / static_cast<double>(cost.assets);
+    cost.seconds_before += mean_seconds(plan, out, step, &cost.peak_bytes, cost.ran) / static_cast<double>(cost.assets);
   for (double& seconds : cost.by_job) seconds += cost.seconds_before;
   std::set<std::string> trained;
   for (const std::string& model : row.models) {
     const std::size_t slash = model.find('/');
     const std::string step = model.substr(0, slash);
-    if (trained.insert(step).second) cost.training_seconds += mean_seconds(plan, out, step, nullptr);
+    if (trained.insert(step).second) cost.training_seconds += mean_seconds(plan, out, step, nullptr, cost.training_ran);
     const std::vector<const Job*> jobs = jobs_of_step(plan, step);
     const std::string part = slash == std::string::npos ? "" : model.substr(slash + 1);
     const std::int64_t count = jobs.empty() ? -1 : parameters_of_run(jobs.front()->folder, part);

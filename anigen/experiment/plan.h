@@ -61,6 +61,7 @@ struct Job {
   std::string step, program;
   std::filesystem::path folder;  ///< of the results: its own, or that of the step it writes into
   bool writes_into_other = false;
+  bool of_other_code = false;         ///< its results are (accept_other_code())
   std::vector<std::string> command;   ///< program and arguments
   std::string program_state;          ///< input_fingerprint() of the program when the plan was made
   std::vector<std::size_t> needs;     ///< jobs that come first, by place in the plan

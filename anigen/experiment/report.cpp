@@ -41,16 +41,18 @@ std::string processor() {
 
 /// Provenance of the numbers: file, seeds, version, machine, programs.
 Table provenance_table(const Experiment& experiment, const Plan& plan, const Workplace& place) {
-  std::size_t done = 0;
+  std::size_t done = 0, of_other_code = 0;
   std::set<std::string> programs;
   for (const Job& job : plan.jobs) {
     done += is_done(place.out, job) ? 1 : 0;
+    of_other_code += job.of_other_code ? 1 : 0;
     programs.insert(job.program);
   }
   Table table{{"what", "is"}, {}};
-  table.rows = {{"experiment", fs::absolute(experiment.file).lexically_normal().string()},
+  table.rows = {{"experiment", experiment.file.string()},
                 {"written", utc_now()},
-                {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size())},
+                {"jobs done", std::to_string(done) + " of " + std::to_string(plan.jobs.size()) +
+                                  (of_other_code > 0 ? ", " + std::to_string(of_other_code) + " by other code" : "")},
                 {"scale", experiment.scale.empty() ? "as the file has it" : experiment.scale},
                 {"seeds", joined(experiment.seeds) + (experiment.seeded.empty() ? " (no step takes them)" : "")},
                 {"made by", "AniGen " + named_version() + ", " + kCompiler +
@@ -72,7 +74,8 @@ Table job_table(const Plan& plan, const fs::path& out) {
     if (!record) {
       table.rows.push_back({job.id, whom, "not begun", "", "", ""});
     } else {
-      table.rows.push_back({job.id, whom, word_of(record->state), duration_text(record->seconds),
+      const std::string state = std::string(word_of(record->state)) + (job.of_other_code ? ", by other code" : "");
+      table.rows.push_back({job.id, whom, state, duration_text(record->seconds),
                             size_text(static_cast<double>(record->peak_bytes)), std::to_string(record->attempts)});
     }
   }

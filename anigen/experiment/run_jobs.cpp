@@ -199,6 +199,9 @@ class JobRunner {
     record.command = shell_line(job.command);
     record.started = utc_now();
     record.finished.clear();
+    const CoreShare share = share_of_one();
+    const bool changed = record.attempts > 0 && !(record.share == share);
+    record.share = changed ? CoreShare{CoreShare::kChanged, CoreShare::kChanged} : share;
     ++record.attempts;
     write_record(out_, job.id, record);
     states_[j] = State::kRunning;
@@ -221,10 +224,14 @@ class JobRunner {
     std::vector<std::string> command = job.command;
     if (job.program == "anigen-generate") command.emplace_back("--accept-other-code");
     if (options_.threads == 0 && options_.at_once == 1) return command;
-    const int cores = options_.threads > 0 ? options_.threads : thread_count();
-    command.insert(command.end(),
-                   {"--threads", std::to_string(std::max(1, cores / static_cast<int>(options_.at_once)))});
+    command.insert(command.end(), {"--threads", std::to_string(share_of_one().threads)});
     return command;
+  }
+
+  CoreShare share_of_one() const {
+    const int cores = options_.threads > 0 ? options_.threads : thread_count(),
+              jobs = static_cast<int>(options_.at_once);
+    return {std::max(1, cores / jobs), jobs};
   }
 
   static std::string of_whom(const Job& job) {
@@ -349,8 +356,17 @@ void JobRecord::fields(ConfigFields& f) {
   f("expected_seconds", expected_seconds, {0.0});
   f("peak_bytes", peak_bytes, {0});
   f("disk_bytes", disk_bytes, {0});
+  f("threads", share.threads, {CoreShare::kChanged, 1 << 20});
+  f("at_once", share.at_once, {CoreShare::kChanged, 1 << 20});
   f("attempts", attempts, {0, 1 << 20});
   f("status", status, {-256, 256});
+}
+
+std::string CoreShare::text() const {
+  if (threads == kChanged) return "several attempts on other numbers of threads";
+  if (threads == kUnknown) return "an unknown number of threads";
+  return std::to_string(threads) + (threads == 1 ? " thread" : " threads") +
+         ", jobs at once: " + std::to_string(at_once);
 }
 
 const char* word_of(JobRecord::State state) { return kWords[static_cast<int>(state)]; }
@@ -419,10 +435,14 @@ void accept_other_code(const fs::path& out, Plan& plan) {
           arguments_of(read_record(out, other.id)->command) != arguments_of(shell_line(other.command)))
         continue;
       renamed.emplace_back(job.id, other.id);
+      other.of_other_code = true;
       job = std::move(other);
       break;
     }
   }
+  std::vector<std::string> names;
+  for (const auto& [before, after] : renamed) names.push_back(after);
+  if (!names.empty()) log::info("results of other code are kept: {}", joined(names));
 }
 
 std::string utc_now() {

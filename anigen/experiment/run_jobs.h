@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "anigen/core/config_fields.h"
@@ -22,6 +23,18 @@ std::string input_fingerprint(const std::filesystem::path& path);
 /// Read again only when a file's size or time has changed. @throws InputError when the program is not there
 std::string program_fingerprint(const std::filesystem::path& program);
 
+/// Cores that a job had, beside others that wanted theirs: times of unlike shares cannot be compared.
+struct CoreShare {
+  static constexpr int kUnknown = 0, kChanged = -1;  ///< of a record from before; of attempts with several shares
+  int threads = kUnknown, at_once = kUnknown;        ///< of the job; jobs that run at the same time, at most
+
+  std::string text() const;  ///< "2 threads, jobs at once: 1"
+  bool operator==(const CoreShare& other) const { return threads == other.threads && at_once == other.at_once; }
+  bool operator<(const CoreShare& other) const {
+    return std::tie(threads, at_once) < std::tie(other.threads, other.at_once);
+  }
+};
+
 /// Record of a job that was begun: records/<id>.json, beside its log records/<id>.log.
 struct JobRecord : JsonOptions<JobRecord> {
   enum class State { kBegun, kDone, kFailed, kInterrupted };
@@ -33,6 +46,7 @@ struct JobRecord : JsonOptions<JobRecord> {
   double expected_seconds = 0;    ///< what the author expected; 0: unknown
   std::uint64_t peak_bytes = 0;   ///< most memory of a process of the job
   std::uint64_t disk_bytes = 0;   ///< of its folder, once done
+  CoreShare share;                ///< of all attempts
   int attempts = 0, status = 0;   ///< exit status of the last one; -N: ended by signal N
 
   void fields(ConfigFields& f);
@@ -60,8 +74,8 @@ void write_record(const std::filesystem::path& out, const std::string& id, const
 bool is_done(const std::filesystem::path& out, const Job& job);
 
 /// Lets jobs whose results were made by other code, but by the same command on the same folders, stand for those of the
-/// plan: their folder and record take the place of the planned ones. For those who changed a comment and trained for a
-/// week.
+/// plan: their folder and record take the place of the planned ones, and `of_other_code` is set. For those who changed
+/// a comment and trained for a week. Says which.
 void accept_other_code(const std::filesystem::path& out, Plan& plan);
 
 /// Now, in UTC, as 2026-01-31T23:59:59Z.

@@ -24,16 +24,19 @@ eval::PairedDifference advantage(double low, double high, std::size_t n = 20) {
 }
 
 TEST(Verdicts, NeedBothIntervalsOnOneSideOfTheMargin) {
-  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), {0.05, 0.4}, 3, 0.0), Verdict::kConfirmed);
-  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), {-0.05, 0.4}, 3, 0.0), Verdict::kTooSmall);
-  EXPECT_EQ(verdict_of(advantage(-0.1, 0.3), {0.05, 0.4}, 3, 0.0), Verdict::kTooSmall);
-  EXPECT_EQ(verdict_of(advantage(-0.3, -0.1), {-0.4, -0.05}, 3, 0.0), Verdict::kRefuted);
-  EXPECT_EQ(verdict_of(advantage(-0.3, -0.1), {-0.4, 0.05}, 3, 0.0), Verdict::kTooSmall);
-  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), {-0.2, -0.2}, 1, 0.0), Verdict::kConfirmed) << "one seed has no interval";
-  EXPECT_EQ(verdict_of(advantage(0.1, 0.3, 5), {0.1, 0.3}, 3, 0.0), Verdict::kTooSmall) << "five assets";
-  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), {0.1, 0.3}, 3, 0.2), Verdict::kTooSmall);
-  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), {0.1, 0.3}, 3, 0.4), Verdict::kRefuted);
-  EXPECT_EQ(verdict_of(advantage(-0.01, 0.01), {-0.02, 0.02}, 3, -0.05), Verdict::kConfirmed) << "not much worse";
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), 0.01, {0.05, 0.4}, 3, 0.0), Verdict::kConfirmed);
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), 0.01, {-0.05, 0.4}, 3, 0.0), Verdict::kTooSmall);
+  EXPECT_EQ(verdict_of(advantage(-0.1, 0.3), 0.01, {0.05, 0.4}, 3, 0.0), Verdict::kTooSmall);
+  EXPECT_EQ(verdict_of(advantage(-0.3, -0.1), 0.01, {-0.4, -0.05}, 3, 0.0), Verdict::kRefuted);
+  EXPECT_EQ(verdict_of(advantage(-0.3, -0.1), 0.01, {-0.4, 0.05}, 3, 0.0), Verdict::kTooSmall);
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), 0.01, {-0.2, -0.2}, 1, 0.0), Verdict::kConfirmed)
+      << "one seed has no interval";
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3, 5), 0.01, {0.1, 0.3}, 3, 0.0), Verdict::kTooSmall) << "five assets";
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3, 6), 0.06, {0.1, 0.3}, 3, 0.0), Verdict::kTooSmall) << "six assets";
+  EXPECT_EQ(verdict_of(advantage(-0.3, -0.1), 0.05, {-0.3, -0.1}, 3, 0.0), Verdict::kTooSmall);
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), 0.01, {0.1, 0.3}, 3, 0.2), Verdict::kTooSmall);
+  EXPECT_EQ(verdict_of(advantage(0.1, 0.3), 0.01, {0.1, 0.3}, 3, 0.4), Verdict::kRefuted);
+  EXPECT_EQ(verdict_of(advantage(-0.01, 0.01), 0.01, {-0.02, 0.02}, 3, -0.05), Verdict::kConfirmed) << "not much worse";
 }
 
 class ExperimentClaims : public ExperimentFolder {
@@ -110,6 +113,31 @@ TEST_F(ExperimentClaims, MayCompareMethodsAndSteps) {
   EXPECT_EQ(result.reason, "");
   EXPECT_EQ(result.over.mean, 9.0);
   EXPECT_GT(result.by_asset.mean, 8.0);
+}
+
+TEST_F(ExperimentClaims, WithoutAMethodAreAboutTheModel) {
+  const Experiment read = experiment(with_claims(claim(kFastOverPlain)));
+  const Plan made = make_plan(read, place_);
+  run_jobs(place_.out, made, {});
+  // A baseline is written first, and is the worst by far.
+  const auto two_methods = [&](std::size_t run, double first, const std::string& name) {
+    std::string text = "id,method,failure,j2j\n";
+    for (int i = 0; i < 8; ++i) {
+      const std::string id = std::to_string(i);
+      text += id + ",baseline,,7\n" + id + "," + name + ",," + std::to_string(first + 0.01 * i) + "\n";
+    }
+    write_file_atomically(job_of(made, run, "score").folder / "metrics.csv", text);
+  };
+  for (const std::size_t run : {0U, 1U}) two_methods(run, 1.0, "model");
+  for (const std::size_t run : {2U, 3U}) scores(made, run, 0.8);
+  ClaimResult result = judge_claims(read, made, place_.out)[0];
+  EXPECT_EQ(result.verdict, Verdict::kConfirmed);
+  EXPECT_NEAR(result.by_asset.mean, 0.2, 1e-9);
+  EXPECT_LT(result.p, 0.05);
+  for (const std::size_t run : {0U, 1U}) two_methods(run, 1.0, "ours");
+  result = judge_claims(read, made, place_.out)[0];
+  EXPECT_EQ(result.verdict, Verdict::kNotRun);
+  EXPECT_NE(result.reason.find("baseline, ours"), std::string::npos) << result.reason;
 }
 
 TEST_F(ExperimentClaims, ThatCannotBeUnderstoodAreRefused) {

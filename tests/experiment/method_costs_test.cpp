@@ -116,6 +116,29 @@ TEST_F(MethodCosts, CanBeClaimed) {
   EXPECT_NE(read_file(place_.out / "results.json").find("training_seconds"), std::string::npos);
 }
 
+TEST_F(MethodCosts, OfJobsThatSharedCoresOtherwiseAreNotCompared) {
+  const std::string text = with_costs(claim("seconds", "shapes", "both") + "," + claim("memory", "half", "both"));
+  const Plan plan = measured(text);
+  const Experiment read = experiment(text);
+  JobRecord record = read_record(place_.out, job_of(plan, 0, "shapes").id).value();
+  EXPECT_EQ(record.share.at_once, 1);
+  EXPECT_GE(record.share.threads, 1);
+  record.share = {record.share.threads + 1, 1};
+  write_record(place_.out, job_of(plan, 0, "shapes").id, record);
+  std::vector<ClaimResult> claims = judge_claims(read, plan, place_.out);
+  EXPECT_EQ(claims[0].verdict, Verdict::kNotRun);
+  EXPECT_NE(claims[0].reason.find("times are of"), std::string::npos) << claims[0].reason;
+  EXPECT_EQ(claims[1].reason, "") << "memory";
+  for (std::size_t run = 0; run < 2; ++run) {
+    for (const char* step : {"shapes", "rigs"}) {
+      record = read_record(place_.out, job_of(plan, run, step).id).value();
+      record.share = {CoreShare::kChanged, CoreShare::kChanged};
+      write_record(place_.out, job_of(plan, run, step).id, record);
+    }
+  }
+  EXPECT_NE(judge_claims(read, plan, place_.out)[0].reason.find("several attempts"), std::string::npos);
+}
+
 TEST_F(MethodCosts, OfWhatHasNotRunAreUnknown) {
   const std::string text = with_costs(claim("seconds", "shapes", "both"));
   const Plan unrun = plan(text);

@@ -92,7 +92,9 @@ TEST_F(RunJobs, AJobThatSomebodyElseRunsIsNotRunTwice) {
 }
 
 TEST_F(RunJobs, JobsAtATimeShareTheThreads) {
-  run(plan(kTwoVariants), {3, 7, "data"});
+  const Plan p = plan(kTwoVariants);
+  run(p, {3, 7, "data"});
+  EXPECT_TRUE(record(job_of(p, 0, "data")).share == (CoreShare{2, 3}));
   std::ifstream stream(folder_ / "calls.txt");
   std::string line;
   std::getline(stream, line);
@@ -151,7 +153,9 @@ TEST_F(RunJobs, OtherCodeMakesOtherJobsUnlessAccepted) {
   Plan after = plan(kTwoVariants);
   EXPECT_NE(job_of(before, 0, "data").id, job_of(after, 0, "data").id);
   EXPECT_EQ(find_leftovers(place_.out, after).size(), 9u);
+  EXPECT_FALSE(job_of(after, 0, "data").of_other_code);
   accept_other_code(place_.out, after);
+  EXPECT_TRUE(job_of(after, 0, "data").of_other_code);
   EXPECT_EQ(run(after).kept, 9u);
   EXPECT_TRUE(find_leftovers(place_.out, after).empty());
 }
