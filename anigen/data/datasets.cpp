@@ -189,7 +189,11 @@ using Factory = std::function<Datasets(ConfigReader&, std::uint64_t)>;
 // Options of held-out assets.
 template <typename Options>
 Options without_noise(Options options) {
-  if constexpr (std::is_same_v<Options, FeatureSkeletonOptions>) options.support_noise = {};
+  if constexpr (std::is_same_v<Options, FeatureSkeletonOptions>) {
+    options.support_noise = {};
+    options.skl_dilation_random_aug = false;
+  }
+  if constexpr (std::is_same_v<Options, PictureOptions>) options.light = 0.0;
   if constexpr (std::is_same_v<Options, MattingOptions>) options.picture_share = 0.0;
   if constexpr (std::is_same_v<Options, StructuredLatentOptions>) options.seen_models.clear();
   return options;

@@ -351,9 +351,9 @@ TrainAndEval select(const SourceOptions& options, const StreamGeneration* genera
     filter.only = std::move(of_shards);
   }
   for (const AssetId& asset : select_assets(trained, filter)) {
-    if (held_out.count(asset.id) > 0) continue;
     // An asset and its posed variants have one mesh and rig: they stay together.
     const std::string& original = asset.variant_of.empty() ? asset.id : asset.variant_of;
+    if (held_out.count(asset.id) > 0 || held_out.count(original) > 0) continue;
     const bool chosen = options.eval_split.empty() && share_of(original) < options.eval_fraction;
     // Another hash than that of eval_fraction, so that the two do not choose alike.
     if (!chosen && options.train_share < 1.0 && share_of("share " + original) >= options.train_share) continue;
@@ -378,6 +378,14 @@ void refuse_test_creatures(const TrainAndEval& assets, const SourceOptions& opti
     const fs::path file = file_of_dataset(split, options.data_dir);
     for (const std::string& name : read_split(file)) kept[name] = file.string();
   }
+  // Of assets that are called otherwise there, such as by a uuid, the ids.
+  for (const fs::path& root : options.test_splits.empty() ? std::vector<fs::path>() : roots_of(assets.roots)) {
+    for (const io::DatasetItem& item : io::list_dataset(root)) {
+      for (const std::string& name : item.other_names) {
+        if (const auto named = kept.find(name); named != kept.end()) kept[item.id] = std::string(named->second);
+      }
+    }
+  }
   for (const fs::path& root : roots_of(assets.roots)) {
     const std::string file = (root / "metadata.csv").string();
     const CsvTable table = read_csv(file);
@@ -395,7 +403,7 @@ void refuse_test_creatures(const TrainAndEval& assets, const SourceOptions& opti
     const std::string& creature = asset.creature;
     std::string reason;
     if (!creature.empty() && creature_seeds::is_test(seed_of(creature))) reason = "all creatures of this seed are";
-    for (const std::string& name : {creature, asset.id}) {
+    for (const std::string& name : {creature, asset.id, asset.variant_of}) {
       const auto found = kept.find(name);
       if (reason.empty() && found != kept.end() && !name.empty()) reason = found->second + " says so";
     }

@@ -439,7 +439,8 @@ TrainAndEval select_fold(const SkinCorrectionDataOptions& options) {
     if (held_out[i] != 0) {
       chosen.eval.push_back(all[i]);
       chosen.eval.back().repeat = 1;
-    } else if (is_real(all[i]) || ((trained.empty() || trained.count(all[i].id) > 0) && kept.count(all[i].id) == 0)) {
+    } else if (is_real(all[i]) || ((trained.empty() || trained.count(all[i].id) > 0) && kept.count(all[i].id) == 0 &&
+                                   kept.count(all[i].variant_of) == 0)) {
       chosen.train.push_back(all[i]);
     }
   }

@@ -280,11 +280,6 @@ void FlowStageOptions::flow_fields(ConfigFields& f, double cfg_strength) {
   f("eval_on_schedule", eval_on_schedule);
 }
 
-std::size_t FlowStageOptions::eval_count(std::size_t held_out) const {
-  const auto most = static_cast<std::size_t>(eval_max_assets);
-  return most == 0 ? held_out : std::min(most, held_out);
-}
-
 torch::Tensor FlowStageOptions::eval_grid() const {
   const torch::Tensor even = (torch::arange(eval_times).to(torch::kFloat32) + 0.5) / static_cast<double>(eval_times);
   return eval_on_schedule ? t_schedule.quantiles(even) : even;

@@ -123,8 +123,6 @@ struct FlowStageOptions {
   /// @throws NotSupportedError for train_inpaint, whose model is not published
   void flow_fields(ConfigFields& f, double cfg_strength);
 
-  /// Number of held-out assets that an evaluation covers.
-  std::size_t eval_count(std::size_t held_out) const;
   /// Times of an evaluation, [eval_times] fp32: (k + ½) / eval_times, with eval_on_schedule these quantiles of
   /// t_schedule.
   torch::Tensor eval_grid() const;

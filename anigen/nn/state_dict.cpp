@@ -216,6 +216,27 @@ std::vector<torch::Dtype> published_dtypes(const torch::nn::Module& module,
   return dtypes;
 }
 
+namespace {
+
+/// In the file names of the average that a training evaluates, the first of its ema_rate: "_ema0.999_". Empty where no
+/// config says.
+std::string evaluated_average(const fs::path& folder) {
+  std::error_code error;
+  for (const fs::path& run : {folder, fs::absolute(folder).lexically_normal().parent_path()}) {
+    const fs::path file = RunFolder{run}.config();
+    if (!fs::is_regular_file(file, error)) continue;
+    const Json config = read_json(file);
+    const Json::json_pointer at("/trainer/args/ema_rate");
+    if (!config.is_object() || !config.contains(at)) return "";
+    const Json& rates = config.at(at);
+    const Json first = rates.is_array() && !rates.empty() ? rates.front() : rates;
+    return first.is_number() ? "_ema" + Json(first.get<double>()).dump() + "_" : "";
+  }
+  return "";
+}
+
+}  // namespace
+
 fs::path newest_checkpoint(const fs::path& folder, const std::string& model, bool averaged) {
   const fs::path files = RunFolder{folder}.checkpoint_files();
   std::vector<std::string> names;
@@ -225,11 +246,13 @@ fs::path newest_checkpoint(const fs::path& folder, const std::string& model, boo
     if (name.rfind(model + "_", 0) == 0) names.push_back(name);
   }
   if (names.empty()) throw InputError(files.string(), "", "holds no weights of the model '" + model + "'");
+  const std::string evaluated = averaged ? evaluated_average(folder) : "";
   const auto rank = [&](const std::string& name) {
     const std::int64_t step = io::step_of(name);
-    return std::make_tuple(complete.count(step) > 0, step, is_averaged(name, model) == averaged);
+    const bool is_evaluated = !evaluated.empty() && name.compare(model.size(), evaluated.size(), evaluated) == 0;
+    return std::make_tuple(complete.count(step) > 0, step, is_averaged(name, model) == averaged, is_evaluated);
   };
-  // Of several averages the first by name, which is how they are listed.
+  // Of several averages without a config the first by name, which is how they are listed.
   return files / *std::max_element(names.begin(), names.end(),
                                    [&](const std::string& a, const std::string& b) { return rank(a) < rank(b); });
 }

@@ -115,7 +115,8 @@ RunModel find_flow_model(const std::filesystem::path& run, const std::vector<std
                          const std::string& ckpt = "", Averages averages = Averages::kUsual);
 
 /// The file find_run_model() takes without a name. @param folder the run's, or its ckpts/ @param averaged of one step
-/// the averages go before the weights themselves, else the other way round
+/// the averages go before the weights themselves, else the other way round; of several averages that which the training
+/// evaluates, the first of ema_rate in config.json
 std::filesystem::path newest_checkpoint(const std::filesystem::path& folder, const std::string& model,
                                         bool averaged = true);
 

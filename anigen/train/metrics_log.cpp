@@ -334,6 +334,16 @@ std::string progress_page(const RunFolder& run, const CsvTable& metrics, const R
   return html + newest_pictures(run);
 }
 
+bool has_evaluation(const CsvTable& metrics, std::int64_t step) {
+  for (std::size_t row = 0; row < metrics.rows.size(); ++row) {
+    if (metrics.cell(row, "step") != std::to_string(step)) continue;
+    for (const std::string& column : metrics.columns) {
+      if (starts_with(column, "eval.") && !metrics.cell(row, column).empty()) return true;
+    }
+  }
+  return false;
+}
+
 bool is_larger_better(const std::string& quantity) {
   const std::string name = quantity.substr(quantity.rfind('.') + 1);
   const auto begins_with = [&](const char* word) { return name.rfind(word, 0) == 0; };

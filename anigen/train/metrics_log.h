@@ -97,6 +97,9 @@ struct RunFacts {
 /// to beside itself. @param metrics of metrics.csv (MetricsLog)
 std::string progress_page(const RunFolder& run, const CsvTable& metrics, const RunFacts& facts);
 
+/// True when a row of this step has a held-out metric. @param metrics rows of metrics.csv
+bool has_evaluation(const CsvTable& metrics, std::int64_t step);
+
 /// True for a held-out metric that grows as models get better, by the first letters of its name: shares as IoU, F1,
 /// precision and recall, cosines, PSNR and SSIM; all others are errors. @param quantity such as "eval.iou_skl"
 bool is_larger_better(const std::string& quantity);

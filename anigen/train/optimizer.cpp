@@ -239,6 +239,10 @@ void AdaptiveGradClipper::restore(const State& state) {
                          std::to_string(options_.buffer_size));
   }
   state_ = state;
+  // The limit may have changed since.
+  if (!options_.max_norm) return;
+  const bool is_full = state_.length == options_.buffer_size;
+  state_.threshold = is_full ? std::min(state_.threshold, *options_.max_norm) : *options_.max_norm;
 }
 
 void RecoveryPoint::before_update(std::int64_t step, const torch::Tensor& master) {
@@ -304,7 +308,7 @@ ParameterUpdate::Result ParameterUpdate::apply(std::int64_t step) {
       optimizer.step(buffer_.master(), gradient, factor, result.lr);
     }
     buffer_.publish();
-    log_scale += options_.fp16_scale_growth;
+    if (options_.loss_scaling) log_scale += options_.fp16_scale_growth;
   } else {
     log_scale = std::max(log_scale - 1.0, kLowestLogScale);
   }

@@ -213,7 +213,8 @@ void Trainer::train() {
   // By what all ranks know alike; later by what they agreed on in the step.
   bool out_of_time = options_.max_minutes > 0.0 && elapsed_before_ >= 60.0 * options_.max_minutes;
   if (first()) check_stop_rule();
-  if (alone()) out_of_time = out_of_time || stalled_;
+  // Rank 0 alone reads the table of metrics.
+  out_of_time = out_of_time || ranks_->gather(stalled_ ? "stalled" : "").front() == "stalled";
   while (step_ < end && !out_of_time) {
     ranks_->report(step_, Activity::kTraining);
     if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/false);
@@ -247,7 +248,10 @@ void Trainer::train() {
   }
   if (run_.profile_steps > 0 && first()) profile(step_ - first_step, /*last=*/true);
   const bool whole = run_.profile_steps == 0;
-  if (first() && whole && options_.i_eval > 0 && !due(step_, options_.i_eval)) evaluate();
+  // A run that had ended has this row already.
+  if (first() && whole && options_.i_eval > 0 && !due(step_, options_.i_eval) &&
+      !has_evaluation(metrics_->table(), step_))
+    evaluate();
   save();
   if (first() && whole && options_.i_sample > 0 && step_ > first_step && !due(step_, options_.i_sample)) sample();
   require_saved();

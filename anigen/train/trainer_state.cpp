@@ -538,7 +538,8 @@ void Trainer::restore_state(const SavedState& saved) {
     update_->optimizer.steps = numbers.at("optimizer_steps").get<std::int64_t>();
     update_->log_scale = numbers.at("log_scale").get<double>();
     if (recovery) update_->recovery.restore(numbers.at("recovery_step").get<std::int64_t>(), recovery_master);
-    elapsed_before_ = numbers.at("elapsed_s").get<double>();
+    // Another run's hours are not those of this one, nor are the losses since its last row.
+    elapsed_before_ = start_.own ? numbers.at("elapsed_s").get<double>() : 0.0;
     saved_shards_ = numbers.value("stream", Json());
     if (numbers.at("seed").get<std::uint64_t>() != options_.seed)
       log::warn("the seed differs from the one this run began with");
@@ -560,7 +561,7 @@ void Trainer::restore_state(const SavedState& saved) {
     }
     means_.clear();
     const Json none = Json::array();
-    for (const Json& entry : first() ? numbers.at("running_means") : none) {
+    for (const Json& entry : first() && start_.own ? numbers.at("running_means") : none) {
       means_.entries.push_back(
           {entry.at(0).get<std::string>(), entry.at(1).get<double>(), entry.at(2).get<std::int64_t>()});
     }

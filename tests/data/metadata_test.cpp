@@ -180,6 +180,21 @@ TEST(Select, KeepsPosedVariantsWithTheirSource) {
   }
 }
 
+TEST(Select, HoldsOutPosedVariantsWithTheirSource) {
+  const test::TemporaryFolder folder;
+  write_file_atomically(folder / "metadata.csv", "sha256,variant_of\na,\nb,\nbx1,b\nc,\ncx1,c\n");
+  write_file_atomically(folder / "held_out.txt", "b\n");
+  SourceOptions options;
+  options.data_dir = folder.path().string();
+  options.eval_split = "held_out.txt";
+  const TrainAndEval chosen = select(options);
+  std::vector<std::string> trained;
+  for (const AssetId& asset : chosen.train) trained.push_back(asset.id);
+  EXPECT_EQ(trained, (std::vector<std::string>{"a", "c", "cx1"}));
+  ASSERT_EQ(chosen.eval.size(), 1u);
+  EXPECT_EQ(chosen.eval[0].id, "b");
+}
+
 // A dataset of creatures, `rows` of "<id> <seed>/<index> <is_test>".
 void write_creatures(const std::filesystem::path& root, const std::vector<std::string>& rows) {
   std::string table = "sha256,file_identifier,is_test,variant_of\n", train, test;
@@ -228,6 +243,23 @@ TEST(TestCreatures, AreNeverTrainedOn) {
   EXPECT_NE(refusal_of(options).find("creature procedural/900000000/4, seed 900000000"), std::string::npos);
   write_creatures(folder / "data", {"a 0/0 False", "d 899999999/4 False", "e 1000000000/4 False"});
   EXPECT_EQ(refusal_of(options), "");
+}
+
+TEST(TestSplits, ProtectAssetsByAnyNameAndTheirPoses) {
+  const test::TemporaryFolder folder;
+  write_file_atomically(folder / "data/metadata.csv",
+                        "sha256,file_identifier,uuid,variant_of\na,a.glb,uuid-a,\nb,b.glb,uuid-b,\nbx1,,,b\n");
+  SourceOptions options;
+  options.data_dir = (folder / "data").string();
+  EXPECT_EQ(refusal_of(options), "");
+  options.test_splits = {(folder / "test.txt").string()};
+  write_file_atomically(folder / "test.txt", "uuid-elsewhere\n");
+  EXPECT_EQ(refusal_of(options), "");
+  write_file_atomically(folder / "test.txt", "uuid-b\n");
+  EXPECT_NE(refusal_of(options).find("b: is kept for testing"), std::string::npos) << refusal_of(options);
+  write_file_atomically(folder / "data/train.txt", "a\nbx1\n");
+  options.split = "train.txt";
+  EXPECT_NE(refusal_of(options).find("bx1: is kept for testing"), std::string::npos) << refusal_of(options);
 }
 
 TEST(Stream, IsReadByGenerationsBesideADatasetThatHoldsOut) {

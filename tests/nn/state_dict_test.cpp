@@ -221,6 +221,22 @@ TEST_F(RunModelTest, TakesTheNewestOfItsOwnFilesAveragedFirst) {
   EXPECT_EQ(chosen("E", "final"), "encoder_final.pt");
 }
 
+// The file names sort otherwise: "8" comes before "_".
+TEST_F(RunModelTest, OfSeveralAveragesTakesTheOneThatTheTrainingEvaluates) {
+  for (const char* rate : {"0.999", "0.9998"}) weights(std::string("encoder_ema") + rate + "_step0000010.safetensors");
+  EXPECT_EQ(chosen("E"), "encoder_ema0.9998_step0000010.safetensors") << "the config does not say";
+  for (const char* rates : {"[0.999, 0.9998]", "0.999", "[0.9998, 0.999]"}) {
+    write_file_atomically(
+        folder_ / "config.json",
+        std::string(R"({"models": {"encoder": {"name": "E"}}, "trainer": {"args": {"ema_rate": )") + rates + "}}}");
+    const bool smaller = std::string(rates) != "[0.9998, 0.999]";
+    EXPECT_EQ(chosen("E"),
+              smaller ? "encoder_ema0.999_step0000010.safetensors" : "encoder_ema0.9998_step0000010.safetensors")
+        << rates;
+    EXPECT_EQ(newest_checkpoint(folder_ / "ckpts", "encoder").filename().string(), chosen("E"));
+  }
+}
+
 TEST_F(RunModelTest, TakesWholeSetsBeforeWhatAKilledRunLeft) {
   weights("encoder_step0000010.safetensors");
   weights("encoder_step0000030.tmp-12-3.safetensors");

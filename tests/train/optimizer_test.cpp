@@ -202,6 +202,22 @@ TEST(AdaptiveGradClipper, ThresholdMovesOnceTheBufferIsFull) {
   EXPECT_DOUBLE_EQ(clipper.threshold(), 8) << "8 replaced 1: median of 8, 2, 9";
 }
 
+TEST(AdaptiveGradClipper, AChangedMaxNormCountsAtOnce) {
+  AdaptiveGradClipper before({1.0, 50.0, 3}), lower({0.3, 50.0, 3}), higher({5.0, 50.0, 3});
+  before.update(4);
+  lower.restore(before.state());
+  EXPECT_DOUBLE_EQ(lower.threshold(), 0.3);
+  higher.restore(before.state());
+  EXPECT_DOUBLE_EQ(higher.threshold(), 5) << "one of three norms seen";
+  before.update(0.5);
+  before.update(0.7);
+  EXPECT_DOUBLE_EQ(before.threshold(), 0.7f) << "median of 4, 0.5, 0.7";
+  lower.restore(before.state());
+  EXPECT_DOUBLE_EQ(lower.threshold(), 0.3);
+  higher.restore(before.state());
+  EXPECT_DOUBLE_EQ(higher.threshold(), 0.7f);
+}
+
 TEST(AdaptiveGradClipper, MaxNormCapsTheThreshold) {
   AdaptiveGradClipper clipper({1.0, 95.0, 2});
   clipper.update(50);

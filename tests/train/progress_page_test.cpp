@@ -26,6 +26,13 @@ TEST(HasStalled, AsksWhetherTheLastEvaluationsImproveOnTheBestBefore) {
   EXPECT_FALSE(has_stalled(evaluations({"1", "1", "1"}), "eval.unknown", 1, 0.02));
 }
 
+TEST(HasEvaluation, LooksAtTheRowsOfAStep) {
+  const CsvTable table = evaluations({"1", "", "0.5"});
+  EXPECT_TRUE(has_evaluation(table, 10));
+  EXPECT_FALSE(has_evaluation(table, 20)) << "a row of the training alone";
+  EXPECT_FALSE(has_evaluation(table, 40));
+}
+
 TEST(HasStalled, KnowsMetricsThatGrow) {
   CsvTable table = evaluations({"0.011", "0.329", "0.423", "0.623"});
   table.columns[2] = "eval.iou_skl";

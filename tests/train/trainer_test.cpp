@@ -17,41 +17,10 @@
 #include "anigen/train/stages/stages.h"
 #include "anigen/train/train_command.h"
 #include "anigen/train/trainer_state.h"
-#include "tests/data/synthetic_dataset.h"
-#include "tests/support/paths.h"
-#include "tests/train/stages/run_folder.h"
+#include "tests/train/trainer_run.h"
 
 namespace anigen::train {
 namespace {
-
-constexpr char kConfig[] = R"({
-  "models": {"model": {"name": "SkinAutoEncoder", "args": {
-    "encoder_config": {"skin_feat_channels": 4, "skl_pos_embed_freq": 6, "jp_embed_dim": 16,
-                       "jp_embedder_config": {"hidden_dim": 16, "depth": 1, "jp_embed_attn": true}},
-    "decoder_config": {"model_type": "tree", "skin_feat_channels": 4, "model_channels": 16, "num_blocks": 2}}}},
-  "dataset": {"name": "AniGenSparseFeat2Skeleton", "args": {"test_mode": false, "eval_fraction": 0.2}},
-  "trainer": {"name": "AniGenSkinAETrainer", "args": {
-    "max_steps": 12, "batch_size": 4, "batch_split": 2, "num_skin_samples": 32, "seed": 5,
-    "optimizer": {"name": "AdamW", "args": {"lr": 0.003}},
-    "lr_scheduler": {"name": "SequentialLR", "args": {"milestones": [3]}, "schedulers": [
-      {"name": "LinearLR", "args": {"start_factor": 0.1, "total_iters": 3}},
-      {"name": "CosineAnnealingLR", "args": {"T_max": 9}}]},
-    "grad_clip": {"name": "AdaptiveGradClipper", "args": {"max_norm": 1.0, "buffer_size": 4}},
-    "ema_rate": [0.99, 0.9], "fp16_mode": "none", "i_log": 5, "i_print": 0, "i_save": 4, "i_eval": 6, "i_sample": 0,
-    "augmentations": {"rotation": "so3", "merge_joints": 0.3}}}})";
-
-class TrainerRun : public ::testing::Test {
- protected:
-  void SetUp() override {
-    test::write_synthetic_dataset(folder_ / "data", 10);
-    std::ofstream(folder_ / "config.json") << kConfig;
-  }
-  TrainCommand command(const std::string& output, std::vector<std::string> overrides = {}) {
-    return test::train_command(folder_, output, std::move(overrides));
-  }
-  std::string bytes(const std::string& file) { return read_file(folder_ / file); }
-  test::TemporaryFolder folder_;
-};
 
 // Metrics without the columns that measure time.
 std::string untimed(const std::filesystem::path& file) {
@@ -78,6 +47,23 @@ TEST_F(TrainerRun, TheRunFolderIsComplete) {
   const CsvTable metrics = read_csv(folder_ / "run/metrics.csv");
   for (const char* column : {"loss.total", "loss.kl", "status.lr", "status.grad_norm", "eval.l1", "eval.kl"})
     EXPECT_NE(metrics.column(column), CsvTable::kMissing) << column;
+}
+
+TEST_F(TrainerRun, ARepeatedCommandAddsNoEvaluation) {
+  const std::vector<std::string> seven = {"trainer.args.max_steps=7"};
+  train(command("run", seven));
+  const std::string metrics = bytes("run/metrics.csv");
+  train(command("run", seven));
+  EXPECT_EQ(bytes("run/metrics.csv"), metrics);
+}
+
+// A run that begins at another one's checkpoint has its own clock.
+TEST_F(TrainerRun, ALoadedRunTakesOverNoTime) {
+  train(command("first"));
+  TrainCommand fork = command("fork", {"trainer.args.max_minutes=1e-9", "trainer.args.max_steps=14"});
+  fork.run.load = folder_ / "first";
+  train(fork);
+  EXPECT_EQ(CheckpointFolder(folder_ / "fork/ckpts").steps().back(), 13) << "one step of its own";
 }
 
 TEST_F(TrainerRun, ResumedRunsEndWithTheSameBits) {
@@ -506,86 +492,6 @@ TEST_F(TrainerRun, LossScalingSkipsStepsThatAreNotFinite) {
     EXPECT_EQ(Trainer(resumed, options, run).step(), 10) << fault << ": what is logged must not spoil the saved state";
     EXPECT_EQ(resumed.warm_starts, 0) << "a checkpoint holds everything";
   }
-}
-
-// A stream of two shards with three rigs each of its own.
-class StreamRun : public TrainerRun {
- protected:
-  void SetUp() override {
-    TrainerRun::SetUp();
-    for (std::uint64_t shard = 0; shard < 3; ++shard) write_shard(shard, 1'000'000'000'000);
-    show(1, {0, 1}, {});
-  }
-  void write_shard(std::uint64_t shard, std::uint64_t seed) {
-    std::string table = "sha256,file_identifier,is_test\n";
-    for (std::uint64_t i = 0; i < 3; ++i) {
-      const std::uint64_t index = 3 * shard + i;
-      const std::string id = "rig" + std::to_string(index);
-      io::write_npz(test::rig_file(stream_.shard(shard), id),
-                    test::synthetic_rig(index, 4 + static_cast<int>(index % 5)));
-      table += id + ",procedural/" + std::to_string(seed) + "/" + std::to_string(index) + ",False\n";
-    }
-    write_file_atomically(stream_.shard(shard) / "metadata.csv", table);
-  }
-  void show(std::uint64_t generation, std::vector<std::uint64_t> shards, std::vector<std::uint64_t> before) {
-    stream_.write_index({generation, std::move(shards), std::move(before), nullptr});
-  }
-  TrainCommand streamed(const std::string& output, int steps, int save_every) {
-    TrainCommand streamed = command(output, {"dataset.args.eval_fraction=0", "trainer.args.i_eval=0",
-                                             "trainer.args.max_steps=" + std::to_string(steps),
-                                             "trainer.args.i_save=" + std::to_string(save_every)});
-    streamed.data_dir = stream_.root.string();
-    return streamed;
-  }
-  Json saved_shards(const std::string& run, std::int64_t step) {
-    return CheckpointFolder(folder_ / run / "ckpts").state(step).numbers.at("stream");
-  }
-
-  const StreamFolder stream_{folder_ / "stream"};
-};
-
-TEST_F(StreamRun, TakesNewShardsAtACheckpointAndLetsTheOldOnesGo) {
-  train(streamed("run", 4, 4));
-  EXPECT_EQ(stream_.used_generation(), 1u);
-  EXPECT_EQ(saved_shards("run", 4), (Json{{"generation", 1}, {"shards", {0, 1}}}));
-  show(2, {2, 1}, {0, 1});
-  train(streamed("run", 400, 4));
-  EXPECT_EQ(saved_shards("run", 400), (Json{{"generation", 2}, {"shards", {2, 1}}}));
-  EXPECT_EQ(stream_.used_generation(), 2u);
-  EXPECT_TRUE(FileLock::try_lock(stream_.shard_lock(0), FileLock::Kind::kExclusive));
-  EXPECT_NE(bytes("run/log.txt").find("generation 2 of the stream, shards 2, 1"), std::string::npos);
-}
-
-TEST_F(StreamRun, GoesOnWithTheShardsThatTheCheckpointNames) {
-  const std::string file = "ckpts/model_step0000012.safetensors";
-  train(streamed("whole", 12, 100));
-  for (const char* legs : {"legs", "late"}) train(streamed(legs, 7, 100));
-  show(2, {2, 1}, {0, 1});
-  train(streamed("legs", 12, 100));
-  EXPECT_EQ(bytes("whole/" + file), bytes("legs/" + file));
-  EXPECT_EQ(saved_shards("legs", 12).at("generation"), 1);
-  // Gone: said, and recorded.
-  std::filesystem::remove_all(stream_.shard(0));
-  train(streamed("late", 12, 100));
-  EXPECT_NE(bytes("late/log.txt").find("of the stream, which the checkpoint of step 7 names, are gone"),
-            std::string::npos);
-  EXPECT_EQ(saved_shards("late", 12).at("generation"), 2);
-  EXPECT_NE(bytes("whole/" + file), bytes("late/" + file));
-}
-
-TEST_F(StreamRun, RefusesATestCreatureInAnyShard) {
-  train(streamed("run", 4, 4));
-  write_shard(2, 900'000'005);
-  show(2, {2, 1}, {0, 1});
-  try {
-    train(streamed("run", 4000, 4));
-    FAIL() << "expected an error";
-  } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("rig6: creature procedural/900000005/6, seed 900000005"),
-              std::string::npos)
-        << error.what();
-  }
-  EXPECT_EQ(stream_.used_generation(), 1u);
 }
 
 TEST_F(TrainerRun, SaysWhatShareOfAStepWaitedForData) {

@@ -101,10 +101,9 @@ class FlowStage : public Stage {
   Values evaluate() final {
     if (!parts_.held_out) return {};
     const torch::NoGradGuard no_grad;
-    const std::size_t count = options_.eval_count(parts_.held_out->size());
     Values sums;
     double terms = 0.0;
-    for (std::size_t i = 0; i < count; ++i) {
+    for (const std::size_t i : looked_at(parts_.held_out->size(), options_.eval_max_assets)) {
       const auto batch = parts_.held_out->load({data::Draw{i, i}});
       const auto& latents = dynamic_cast<const Latents&>(*batch);
       // Once: the model takes the condition for all times.

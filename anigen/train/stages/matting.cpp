@@ -55,9 +55,9 @@ class MattingStage final
   Values evaluate() override {
     if (!held_out_) return {};
     const torch::NoGradGuard no_grad;
-    const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
+    const std::vector<std::size_t> places = looked_at(held_out_->size(), options_.eval_max_assets);
     double iou = 0.0, difference = 0.0;
-    for (std::size_t i = 0; i < count; ++i) {
+    for (const std::size_t i : places) {
       const auto batch = held_out_->load({data::Draw{i, i}});
       const auto& truth = dynamic_cast<const data::MattingBatch&>(*batch);
       const Tensor alpha = truth.alpha.to(device_), found = model_->forward(truth.image.to(device_)).sigmoid();
@@ -65,7 +65,7 @@ class MattingStage final
       iou += (p & a).sum().item<double>() / std::max(1.0, (p | a).sum().item<double>());
       difference += (found - alpha).abs().mean().item<double>();
     }
-    const auto all = static_cast<double>(count);
+    const auto all = static_cast<double>(places.size());
     return {{"iou", iou / all}, {"mae", difference / all}};
   }
 };

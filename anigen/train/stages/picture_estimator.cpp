@@ -92,10 +92,10 @@ class PictureEstimatorStage final : public PictureStage<PictureEstimatorStage, v
   Values evaluate() override {
     if (!held_out_) return {};
     const torch::NoGradGuard no_grad;
-    const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
+    const std::vector<std::size_t> places = looked_at(held_out_->size(), options_.eval_max_assets);
     double angle = 0.0, distance = 0.0, known = 0.0, right = 0.0, of_family = 0.0, corners = 0.0;
     std::vector<double> yaws;
-    for (std::size_t i = 0; i < count; ++i) {
+    for (const std::size_t i : places) {
       const auto batch = held_out_->load({data::Draw{i, i}});
       const auto& truth = dynamic_cast<const data::PictureBatch&>(*batch);
       const vision::PictureEstimate estimate = model_->forward(truth.image.to(device_));

@@ -88,10 +88,10 @@ class RigStage : public Stage {
     return loss(dynamic_cast<const Draws&>(batch).samples, context.step);
   }
   /// Means of the scores.
-  Values evaluate() final { return scored() > 0 ? scores().means() : Values(); }
+  Values evaluate() final { return scored().empty() ? Values() : scores().means(); }
   /// scores.csv: the metrics of each held-out asset.
   void sample(const std::filesystem::path& folder) final {
-    if (scored() > 0) write_file_atomically(folder / "scores.csv", to_csv(scores().table()));
+    if (!scored().empty()) write_file_atomically(folder / "scores.csv", to_csv(scores().table()));
   }
   /// @throws NotSupportedError
   std::unique_ptr<Stage> replica() const override {
@@ -108,14 +108,14 @@ class RigStage : public Stage {
   Model model_;
 
  private:
-  std::size_t scored() const {
+  std::vector<std::size_t> scored() const {
     return looked_at(data_.held_out ? data_.held_out->samples() : 0, options_.eval_max_assets);
   }
   RigScores scores() {
     const torch::NoGradGuard no_grad;
     model_->eval();
     RigScores scores;
-    for (std::size_t i = 0; i < scored(); ++i) score(data_.held_out->sample(i), i, scores);
+    for (const std::size_t i : scored()) score(data_.held_out->sample(i), i, scores);
     model_->train();
     return scores;
   }

@@ -99,9 +99,9 @@ class SkinAutoEncoderStage final : public Stage {
   Values evaluate() override {
     if (!held_out_) return {};
     torch::NoGradGuard no_grad;
-    const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
+    const std::vector<std::size_t> places = looked_at(held_out_->size(), options_.eval_max_assets);
     double l1 = 0.0, kl = 0.0;
-    for (std::size_t i = 0; i < count; ++i) {
+    for (const std::size_t i : places) {
       const auto rig = held_out_->vertices_of(i, static_cast<std::size_t>(options_.eval_max_vertices));
       const skin_field::SkeletonBatch skeleton = skeletons_of(rig->joints, rig->parents);
       const std::vector<Tensor> skin = on_device(rig->skin, device_, dtype_);
@@ -110,7 +110,7 @@ class SkinAutoEncoderStage final : public Stage {
       kl += errors.kl;
       log::debug("held out {}: l1 {:.4f}, kl {:.4f}", held_out_->id(i), errors.l1, errors.kl);
     }
-    return {{"l1", l1 / static_cast<double>(count)}, {"kl", kl / static_cast<double>(count)}};
+    return {{"l1", l1 / static_cast<double>(places.size())}, {"kl", kl / static_cast<double>(places.size())}};
   }
 
  private:

@@ -101,7 +101,7 @@ class SkinCorrectionStage final : public PictureStage<SkinCorrectionStage, SkinC
     if (!held_out_) return {};
     const torch::NoGradGuard no_grad;
     GroupErrors all, real;
-    for (std::size_t i = 0; i < looked_at(held_out_->assets(), options_.eval_max_assets); ++i) {
+    for (const std::size_t i : looked_at(held_out_->assets(), options_.eval_max_assets)) {
       const auto batch = held_out_->all_of(i);
       const auto errors = errors_of(*batch);
       const double missed = batch->missed.sum().item<double>(), rows = static_cast<double>(batch->missed.size(0));

@@ -145,14 +145,14 @@ SparseStructureAutoEncoderStage::Reconstruction SparseStructureAutoEncoderStage:
 
 Values SparseStructureAutoEncoderStage::evaluate() {
   if (!held_out_) return {};
-  const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
+  const std::vector<std::size_t> places = looked_at(held_out_->size(), options_.eval_max_assets);
   Values means{{"iou_shape", 0.0}, {"f1_shape", 0.0}, {"iou_skl", 0.0}, {"f1_skl", 0.0}};
-  for (std::size_t i = 0; i < count; ++i) {
+  for (const std::size_t i : places) {
     const Reconstruction made = reconstruct(i);
     const auto shape = sparse_structure::voxel_agreement(made.decoded.shape, made.truth.shape);
     const auto skeleton = sparse_structure::voxel_agreement(made.decoded.skeleton, made.truth.skeleton);
     const double values[] = {shape.iou, shape.f1, skeleton.iou, skeleton.f1};
-    for (std::size_t k = 0; k < means.size(); ++k) means[k].second += values[k] / static_cast<double>(count);
+    for (std::size_t k = 0; k < means.size(); ++k) means[k].second += values[k] / static_cast<double>(places.size());
   }
   return means;
 }

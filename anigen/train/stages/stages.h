@@ -73,9 +73,9 @@ std::unique_ptr<Stage> make_picture_estimator_stage(const StageRequest& request)
 std::unique_ptr<Stage> make_matting_stage(const StageRequest& request);
 
 /// The correction of classical skin weights, ours, learns those of rigs (skin_correction/network.h). Trainer
-/// AniGenSkinCorrectionTrainer, one model "SkinCorrection", the data set "AniGenSkinCorrections". L = λ_k KL + λ_1 ℓ1 of
-/// the candidates' weights, means over vertices. Terms: "kl", "l1". Evaluation on held-out assets, means over assets of
-/// means over their kept vertices, each with at most four influences: "l1" and "kl" as in metrics/skin_metrics.h,
+/// AniGenSkinCorrectionTrainer, one model "SkinCorrection", the data set "AniGenSkinCorrections". L = λ_k KL + λ_1 ℓ1
+/// of the candidates' weights, means over vertices. Terms: "kl", "l1". Evaluation on held-out assets, means over assets
+/// of means over their kept vertices, each with at most four influences: "l1" and "kl" as in metrics/skin_metrics.h,
 /// "heat_…" and "geovoxel_…" of the classical weights that are corrected, "missed", the true weight on joints that are
 /// no candidates; where creatures are held out, too, "real_…" of the real rigs alone.
 std::unique_ptr<Stage> make_skin_correction_stage(const StageRequest& request);
@@ -97,9 +97,13 @@ std::unique_ptr<Stage> make_rignet_stage(const StageRequest& request);
 /// The stage that a config's trainer names. @throws NotSupportedError naming those there are; InputError as above
 std::unique_ptr<Stage> make_stage(const std::string& trainer_name, const StageRequest& request);
 
-/// Held-out assets that an evaluation looks at: at most so many of all; 0: all.
-inline std::size_t looked_at(std::size_t all, std::int64_t most) {
-  return most == 0 ? all : std::min(static_cast<std::size_t>(most), all);
+/// Places of the held-out assets that an evaluation looks at, at most so many, 0: all. They are spread evenly over the
+/// table, which lists one source after the other.
+inline std::vector<std::size_t> looked_at(std::size_t all, std::int64_t most) {
+  const std::size_t count = most == 0 ? all : std::min(static_cast<std::size_t>(most), all);
+  std::vector<std::size_t> places(count);
+  for (std::size_t k = 0; k < count; ++k) places[k] = k * all / count;
+  return places;
 }
 
 std::vector<torch::Tensor> on_device(const std::vector<torch::Tensor>& tensors, torch::Device device,

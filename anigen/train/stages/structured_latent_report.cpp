@@ -223,11 +223,11 @@ StructuredLatentAutoEncoderStage::Reconstruction StructuredLatentAutoEncoderStag
 Values StructuredLatentAutoEncoderStage::evaluate() {
   if (!held_out_) return {};
   const torch::NoGradGuard no_grad;
-  const std::size_t count = looked_at(held_out_->size(), options_.eval_max_assets);
+  const std::vector<std::size_t> places = looked_at(held_out_->size(), options_.eval_max_assets);
   const auto samples = static_cast<std::size_t>(options_.eval_surface_points);
   RunningMeans means;  // over the assets for which there is a value
   means.only_finite = false;
-  for (std::size_t i = 0; i < count; ++i) {
+  for (const std::size_t i : places) {
     const Reconstruction made = reconstruct(i);
     const shape_field::ExtractedMesh& mesh = made.meshes.front();
     means.add("surfaces", mesh.success ? 1.0 : 0.0);
@@ -261,7 +261,7 @@ void StructuredLatentAutoEncoderStage::sample(const std::filesystem::path& folde
   if (!held_out_ || held_out_->size() == 0 || options_.sample_assets == 0) return;
   const torch::NoGradGuard no_grad;
   std::vector<render::Tile> tiles;
-  for (std::size_t i = 0; i < looked_at(held_out_->size(), options_.sample_assets); ++i) {
+  for (const std::size_t i : looked_at(held_out_->size(), options_.sample_assets)) {
     const Reconstruction made = reconstruct(i);
     const shape_field::ExtractedMesh& mesh = made.meshes.front();
     const skeleton_field::SkeletonTensors& truth = made.inputs.skeletons.front();
