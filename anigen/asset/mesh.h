@@ -18,12 +18,17 @@ struct EncodedImage {
   std::vector<std::uint8_t> bytes;
 };
 
+/// Use that a material makes of the alpha of its base colour, as glTF says it (3.9.4). Other formats do not say.
+enum class AlphaMode { kUnknown, kOpaque, kMask, kBlend };
+
 /// The part of a glTF material that the project keeps: base colour only.
 struct Material {
   std::string name;
   Eigen::Vector4f base_color = Eigen::Vector4f::Ones();  ///< linear RGBA factor
   int image = -1;  ///< index into Asset::images of the sRGB base colour texture, or -1
   bool double_sided = true;
+  AlphaMode alpha_mode = AlphaMode::kUnknown;
+  float alpha_cutoff = 0.5f;  ///< of kMask: lower alpha is a hole
 };
 
 /// Triangle mesh. Vertices are those of the file (split at texture seams), in order; every per-vertex array is

@@ -65,6 +65,9 @@ std::string variant_name(const AssetSource& source, std::size_t variant) {
   return source.file_identifier + (variant == 0 ? "" : "#pose" + std::to_string(variant - 1));
 }
 
+/// A posed variant, made here or in the dataset that was given.
+bool is_pose(const DatasetRow& row) { return row.variant > 0 || !row.entry.source.variant_of.empty(); }
+
 /// Adds the asset, or says why not. @return whether it is in
 bool add_row(const fs::path& out, const ManifestEntry& entry, std::size_t variant, const std::string& id,
              DatasetRows& found) {
@@ -132,9 +135,11 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
     const DatasetEntry& entry = rows[i].entry;
     if (rows[i].variant > 0 || entry.source.procedural() != procedural || !usable(entry.record, limits)) continue;
     candidates.push_back(i);
-    const bool by_skeleton = options.by_skeleton && !procedural;
-    std::vector<std::size_t>& unit = units[by_skeleton ? entry.record.skeleton.topology : entry.id];
-    if (unit.empty()) ids.push_back(by_skeleton ? entry.record.skeleton.topology : entry.id);
+    // Poses in a dataset that was given are of one asset.
+    const std::string& own = entry.source.variant_of.empty() ? entry.id : entry.source.variant_of;
+    const std::string& name = options.by_skeleton && !procedural ? entry.record.skeleton.topology : own;
+    std::vector<std::size_t>& unit = units[name];
+    if (unit.empty()) ids.push_back(name);
     unit.push_back(i);
     flagged += entry.source.is_test;
   }
@@ -365,7 +370,10 @@ CsvTable dataset_table(const std::vector<DatasetRow>& rows, const QualityLimits&
   flag("cond_rendered", "cond_views");
   count("cond_views", "cond_views");
   for (const std::string& model : models) flag("feature_" + model, kFeatureSteps + model);
-  column("variant_of", [](const DatasetRow& row) { return row.variant_of; });
+  column("variant_of", [](const DatasetRow& row) {
+    const std::string& of_dataset = row.entry.source.variant_of;  // of which its own variants are poses, too
+    return of_dataset.empty() ? row.variant_of : of_dataset;
+  });
   column("pose", [](const DatasetRow& row) {
     const Json& columns = row.columns(kImport);
     return columns.contains("pose") ? columns.at("pose").value("kind", std::string()) : std::string();
@@ -409,6 +417,12 @@ void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const
     }
   }
   for (DatasetRow& row : rows) {
+    // A pose goes where its source goes, also when both came from a dataset.
+    if (test.count(row.entry.source.variant_of) == 0) continue;
+    row.entry.is_test = usable(row.entry.record, limits);
+    if (row.entry.is_test && row.variant == 0) test.insert(row.entry.id);
+  }
+  for (DatasetRow& row : rows) {
     if (row.variant > 0) row.entry.is_test = test.count(row.variant_of) > 0;
   }
 }
@@ -420,7 +434,7 @@ SplitCounts write_splits(const std::filesystem::path& out, const std::vector<Dat
   for (const DatasetRow& row : rows) {
     const char* list = !usable(row.entry.record, limits) ? "unusable"
                        : !row.entry.is_test              ? "train"
-                       : row.variant > 0                 ? "test_variants"
+                       : is_pose(row)                    ? "test_variants"
                                                          : "test";
     lists[list] += row.entry.id + "\n";
     ++counts[list];

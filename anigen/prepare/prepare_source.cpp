@@ -207,9 +207,13 @@ AssetOutcome SourcePreparer::prepare_asset(const Root& root, AssetJob& job, cons
     StepResult result{root_fingerprint, kImportVersion, root.options, {}, 0, 0, Json::object(), commit()};
     const std::string name = root.variant == 0 ? kImport : "augment";
     if (!attempt(name, root_fingerprint, [&] { result.columns = root.columns(); })) return outcome;
+    // A record that names files of before goes from the disk before these change. A first one is saved with the first
+    // step that follows: alone it saves nothing worth an fsync.
+    const bool is_on_disk = !records.steps.empty();
     records.steps[kImport] = std::move(result);
     records.drop_stale();
-    unsaved = true;  // saved with the first step that follows: alone it saves nothing worth an fsync
+    unsaved = true;
+    if (is_on_disk) save();
   }
   outcome.imported = true;
   outcome.rejected_pose = is_rejected_pose(records.columns(kImport));
@@ -272,11 +276,17 @@ SourceOutcome SourcePreparer::prepare(const SourceTask& task, const StepObserver
         task.source.file_identifier, [&] { root.options["content"] = reader_.content_id(task.source.rig()); },
         unreadable);
   }
+  // Files whose materials say what alpha means: pictures of them changed when this was heeded.
+  if (!task.source.procedural() && task.source.format == io::RigFormat::kGltf)
+    root.options["alpha"] = "of the material";
+  std::string pictures;
+  if (!task.source.procedural()) pictures = io::pictures_id(task.source.rig());
+  if (!pictures.empty()) root.options["pictures"] = pictures;
   root.columns = [&] { return import_columns(import().record); };
-  root.unchanged = [&task, content = root.options.value("content", id), this] {
+  root.unchanged = [&task, content = root.options.value("content", id), pictures, this] {
     if (task.source.procedural()) return true;
     try {
-      return reader_.content_id(task.source.rig()) == content;
+      return reader_.content_id(task.source.rig()) == content && io::pictures_id(task.source.rig()) == pictures;
     } catch (const Error&) {
       return false;
     }

@@ -58,6 +58,7 @@ void to_json(Json& json, const AssetSource& source) {
     json["local_path"] = source.local_path;
     json["is_test"] = source.is_test;
     json["uuid"] = source.uuid;
+    if (!source.variant_of.empty()) json["variant_of"] = source.variant_of;
   }
   json["file_identifier"] = source.file_identifier;
 }
@@ -77,6 +78,7 @@ void from_json(const Json& json, AssetSource& source) {
   source.local_path = member<std::string>(json, "local_path");
   source.is_test = member<bool>(json, "is_test");
   source.uuid = json.value("uuid", "");
+  source.variant_of = json.value("variant_of", "");
 }
 
 std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {
@@ -91,6 +93,7 @@ std::vector<AssetSource> find_assets(const std::vector<fs::path>& inputs) {
     for (const io::RigEntry& entry : entries) {
       sources.push_back({entry.format, entry.file, entry.key, entry.local_path, name + "/" + entry.local_path,
                          entry.is_test, entry.uuid});
+      sources.back().variant_of = entry.variant_of;
     }
   }
   return sources;

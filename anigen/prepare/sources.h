@@ -26,11 +26,12 @@ struct AssetSource {
   std::string uuid;                             ///< what the sample is called in its shard (io::RigEntry); or empty
   std::uint64_t seed = 0;                       ///< of a creature
   std::uint64_t index = 0;                      ///< of a creature
+  std::string variant_of{};                     ///< asset of its dataset of which it is a pose (io::RigEntry); or empty
 
   bool procedural() const { return file.empty(); }
   /// local_path without the sample in the shard.
   std::string source_path() const;
-  io::RigEntry rig() const { return {format, file, key, local_path, is_test, uuid}; }
+  io::RigEntry rig() const { return {format, file, key, local_path, is_test, uuid, variant_of}; }
 };
 
 void to_json(Json& json, const AssetSource& source);

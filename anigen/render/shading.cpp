@@ -150,9 +150,9 @@ float Studio::floor_shadow(const Eigen::Vector3d& origin, const Eigen::Vector3d&
   return fade * kFloorDarkness * std::min(1.0f, 0.65f * key + 0.7f * contact);
 }
 
-Cutout::Cutout(const Scene& scene, const SurfaceColor& colors, float cutoff)
-    : scene_(&scene), colors_(&colors), cutoff_(cutoff) {
+Cutout::Cutout(const Scene& scene, const SurfaceColor& colors, float cutoff) : scene_(&scene), colors_(&colors) {
   const Asset& asset = scene.asset();
+  if (cutoff <= 0.0f) return;
   const std::vector<std::int32_t>& materials = asset.mesh.face_materials;
   std::vector<double> whole(asset.materials.size(), 0.0), hole(asset.materials.size(), 0.0);
   for (std::size_t f = 0; f < materials.size(); ++f) {
@@ -168,17 +168,25 @@ Cutout::Cutout(const Scene& scene, const SurfaceColor& colors, float cutoff)
       if (texture->alpha(texture_coordinates(asset.mesh, hit)) < cutoff) hole[material] += share;
     }
   }
-  std::vector<bool> holes(asset.materials.size());
-  for (std::size_t m = 0; m < holes.size(); ++m) holes[m] = hole[m] <= kLargestHole * whole[m] && whole[m] > 0.0;
-  if (cutoff > 0.0f && std::find(holes.begin(), holes.end(), true) != holes.end()) holes_ = std::move(holes);
+  std::vector<float> cutoffs(asset.materials.size(), 0.0f);
+  for (std::size_t m = 0; m < cutoffs.size(); ++m) {
+    const Material& material = asset.materials[m];
+    if (whole[m] == 0.0 || material.alpha_mode == AlphaMode::kOpaque) continue;
+    if (material.alpha_mode == AlphaMode::kMask) {
+      cutoffs[m] = material.alpha_cutoff / std::max(material.base_color.w(), 1e-6f);
+    } else if (hole[m] <= kLargestHole * whole[m]) {
+      cutoffs[m] = cutoff;
+    }
+  }
+  if (std::any_of(cutoffs.begin(), cutoffs.end(), [](float c) { return c > 0.0f; })) cutoffs_ = std::move(cutoffs);
 }
 
 bool Cutout::passes(const Hit& hit) const {
-  if (holes_.empty()) return false;
+  if (cutoffs_.empty()) return false;
   const Mesh& mesh = scene_->asset().mesh;
   const std::int32_t material = mesh.face_materials[at(hit.face)];
-  if (material < 0 || !holes_[at(material)]) return false;
-  return colors_->texture(material)->alpha(texture_coordinates(mesh, hit)) < cutoff_;
+  if (material < 0 || cutoffs_[at(material)] <= 0.0f) return false;
+  return colors_->texture(material)->alpha(texture_coordinates(mesh, hit)) < cutoffs_[at(material)];
 }
 
 Hit Cutout::behind_holes(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, Hit hit) const {

@@ -72,18 +72,19 @@ class Studio {
 
 /// Holes of a surface whose base colour texture is transparent: leaf cards, hair, torn cloth.
 ///
-/// An asset does not say whether a material means its alpha or only stores it (games keep other masks there), so a
-/// material's alpha counts only where it leaves something of the material: when more than kLargestHole of its surface
-/// would vanish, the material stays solid.
+/// A material that says what it does with alpha (Material::alpha_mode) is taken at its word: opaque ones have no holes,
+/// masks have them below their own cutoff. Of others alpha may be meant or only stored (games keep other masks there),
+/// so it counts only where it leaves something of the material: when more than kLargestHole of its surface would
+/// vanish, the material stays solid.
 class Cutout {
  public:
   static constexpr double kLargestHole = 0.9;
 
   /// @param scene,colors must outlive this; colors in PictureMode::kColor
-  /// @param cutoff alpha below this is a hole; 0: nothing is
+  /// @param cutoff alpha below this is a hole, but of masks; 0: nothing is
   Cutout(const Scene& scene, const SurfaceColor& colors, float cutoff);
 
-  bool empty() const { return holes_.empty(); }
+  bool empty() const { return cutoffs_.empty(); }
   bool passes(const Hit& hit) const;
 
   /// The first surface that is no hole along a ray whose first hit is `hit`; as Scene::trace otherwise.
@@ -94,8 +95,7 @@ class Cutout {
  private:
   const Scene* scene_;
   const SurfaceColor* colors_;
-  float cutoff_;
-  std::vector<bool> holes_;  ///< per material; empty when no material has any
+  std::vector<float> cutoffs_;  ///< per material, of the texture's alpha, 0: no holes; empty when no material has any
 };
 
 }  // namespace anigen::render

@@ -22,6 +22,7 @@
 #include "anigen/creatures/body.h"
 #include "anigen/io/arrays/npz.h"
 #include "anigen/io/gltf/gltf.h"
+#include "anigen/io/image.h"
 #include "anigen/prepare/run.h"
 #include "anigen/prepare/steps.h"
 #include "tests/support/dataset_files.h"
@@ -326,6 +327,43 @@ TEST_F(PrepareDataset, IdsFollowTheContentOfExternalBuffers) {
   EXPECT_NE(asset_id(source), first);
 }
 
+// The id of an asset is that of its shape and rig. Its pictures decide what is made of it all the same.
+TEST_F(PrepareDataset, ChangedPicturesBesideAFileAreSeen) {
+  Asset asset = small_asset(4, 1.5f);
+  asset.mesh.uvs = {{0, 0}, {1, 0}, {0, 1}, {1, 1}};
+  asset.mesh.face_materials.assign(asset.mesh.faces.size(), 0);
+  asset.materials.push_back({});
+  asset.materials[0].image = 0;
+  const auto painted = [&](std::uint8_t red) {
+    io::Image image(4, 4, 0xFF0000FFu);
+    image.pixel(1, 1)[0] = red;
+    return io::encode_png(image);
+  };
+  asset.images.push_back({"skin", "image/png", painted(10)});
+  const fs::path file = folder_ / "painted/a.gltf", picture = folder_ / "painted/skin.png";
+  io::write_gltf(file, asset);  // with the picture inside
+  Json json = load_config(file);
+  json["images"][0] = {{"uri", "skin.png"}};
+  write_file_atomically(file, json.dump());
+  const auto paint = [&](std::uint8_t red) {
+    const std::vector<std::uint8_t> png = painted(red);
+    write_file_atomically(picture, std::string(png.begin(), png.end()));
+  };
+  paint(10);
+  PrepareOptions options;
+  options.out = folder_ / "seen";
+  options.sources = find_assets({folder_ / "painted"});
+  options.tables.split.test_count = 0;
+  const auto reused = [&] { return prepare_dataset(options).reused; };
+  EXPECT_EQ(reused(), 0u);
+  EXPECT_EQ(reused(), 1u);
+  paint(200);
+  EXPECT_EQ(reused(), 0u);
+  EXPECT_EQ(reused(), 1u);
+  fs::remove(picture);
+  EXPECT_EQ(reused(), 0u) << "without its picture";
+}
+
 TEST(ShardDataset, KeepsUuidPathAndShardOfASampleAndHandsThemOn) {
   const test::TemporaryFolder folder;
   std::vector<test::RigFile> rigs(3);
@@ -356,6 +394,17 @@ TEST(ShardDataset, KeepsUuidPathAndShardOfASampleAndHandsThemOn) {
     EXPECT_EQ(table.cell(rows["u-2"], "source_path"), "sub/xl.npz") << name;
     EXPECT_EQ(table.cell(rows["u-2"], "local_path"), "sub/xl.npz#u-2") << name;
     EXPECT_EQ(table.flag(rows["u-2"], "is_test", false, ""), std::string(name) == "out");
+    std::size_t poses_of_tests = 0;
+    for (std::size_t row = 0; row < table.rows.size(); ++row) {
+      const std::string& of = table.cell(row, "variant_of");
+      if (of.empty()) continue;
+      const bool is_test = table.flag(row, "is_test", false, "");
+      EXPECT_EQ(is_test, of == table.cell(rows["u-1"], "sha256") ||
+                             (std::string(name) == "out" && of == table.cell(rows["u-2"], "sha256")))
+          << name;
+      poses_of_tests += is_test ? 1 : 0;
+    }
+    EXPECT_EQ(poses_of_tests, std::string(name) == "out" ? 2u : 1u) << name;
   }
 }
 

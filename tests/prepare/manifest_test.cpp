@@ -135,6 +135,35 @@ TEST(Splits, KeepVariantsWithTheirSource) {
   EXPECT_EQ(read_file(folder / "splits/test_variants.txt").size(), 6u);  // two of two letters
 }
 
+// A dataset that is given lists its poses as assets of their own.
+TEST(Splits, KeepPosesOfADatasetWithTheirSource) {
+  const auto made = [](const SplitOptions& options) {
+    std::vector<DatasetRow> rows;
+    for (const char* id : {"a", "b", "c", "d"}) {
+      rows.push_back(row(id, false));
+      rows.push_back(row(std::string(id) + "1", false));
+      rows.back().entry.source.variant_of = id;
+      rows.push_back(row(std::string(id) + "12", false, 1, std::string(id) + "1"));  // posed again
+    }
+    mark_test(rows, options, {});
+    std::size_t tests = 0;
+    for (std::size_t i = 0; i < rows.size(); i += 3) {
+      tests += rows[i].entry.is_test;
+      EXPECT_EQ(rows[i].entry.is_test, rows[i + 1].entry.is_test);
+      EXPECT_EQ(rows[i].entry.is_test, rows[i + 2].entry.is_test);
+    }
+    const test::TemporaryFolder folder;
+    EXPECT_EQ(write_splits(folder.path(), rows, {}).test, tests) << "poses are listed by themselves";
+    return tests;
+  };
+  SplitOptions options;
+  options.test_count = 2;
+  EXPECT_EQ(made(options), 2u);
+  SplitOptions named;
+  named.test_names = {"c"};
+  EXPECT_EQ(made(named), 1u);
+}
+
 TEST(Splits, KeepAssetsOfOneSkeletonTogether) {
   // Twelve assets of four skeletons: 1, 2, 4 and 5 of one.
   std::vector<DatasetRow> rows;

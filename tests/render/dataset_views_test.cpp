@@ -341,6 +341,32 @@ TEST(Cutout, LightPassesThroughHoles) {
   EXPECT_FALSE(holes.occluded({0.5f, 0.5f, 0.0f}, towards, 0.25f));  // the wall is farther away
 }
 
+TEST(Cutout, MaterialsThatSayWhatAlphaMeansAreTakenAtTheirWord) {
+  Asset asset = torn_wall(0);
+  const auto is_hole = [&](float x) {
+    const Scene scene(asset);
+    const SurfaceColor colors(scene, {});
+    return !Cutout(scene, colors, 0.5f).occluded({x, 0.5f, 0.0f}, {0, -1, 0}, 10.0f);
+  };
+  EXPECT_TRUE(is_hole(-0.5f)) << "nobody knows, and half of the wall remains";
+  Material& material = asset.materials[0];
+  material.alpha_mode = AlphaMode::kOpaque;
+  EXPECT_FALSE(is_hole(-0.5f));
+  material.alpha_mode = AlphaMode::kMask;
+  EXPECT_TRUE(is_hole(-0.5f));
+  EXPECT_FALSE(is_hole(0.5f));
+  material.alpha_cutoff = 0.0f;
+  EXPECT_FALSE(is_hole(-0.5f)) << "no alpha is below 0";
+  material.alpha_cutoff = 0.5f;
+  material.base_color.w() = 0.25f;
+  EXPECT_TRUE(is_hole(0.5f)) << "the factor counts";
+  material.base_color.w() = 1.0f;
+  for (Eigen::Vector2f& uv : asset.mesh.uvs) uv.x() *= 0.45f;  // the whole wall lies in the transparent half
+  EXPECT_TRUE(is_hole(0.5f)) << "a mask may take all of it";
+  material.alpha_mode = AlphaMode::kBlend;
+  EXPECT_FALSE(is_hole(0.5f)) << "glass stays";
+}
+
 TEST(RenderView, TheSameBytesOnAnyNumberOfThreads) {
   const Asset asset = torn_wall(0);
   const Scene scene(asset);

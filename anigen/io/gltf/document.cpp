@@ -131,6 +131,13 @@ MaterialEntry parse_material(const JsonPlace& place, std::size_t textures) {
   MaterialEntry entry;
   entry.material.name = place.string_or("name", "");
   entry.material.double_sided = place.boolean_or("doubleSided", false);
+  const std::string alpha = place.string_or("alphaMode", "OPAQUE");
+  entry.material.alpha_mode = alpha == "OPAQUE"  ? AlphaMode::kOpaque
+                              : alpha == "MASK"  ? AlphaMode::kMask
+                              : alpha == "BLEND" ? AlphaMode::kBlend
+                                                 : AlphaMode::kUnknown;
+  if (const auto cutoff = place.find("alphaCutoff"))
+    entry.material.alpha_cutoff = static_cast<float>(std::max(cutoff->number(), 0.0));
   if (const auto pbr = place.find("pbrMetallicRoughness")) {
     parse_base_color(*pbr, "baseColorFactor", "baseColorTexture", textures, entry);
   } else if (const auto specular = place.extension("KHR_materials_pbrSpecularGlossiness")) {

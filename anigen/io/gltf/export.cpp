@@ -223,6 +223,11 @@ Json material_json(const Material& material) {
   Json entry = named(material.name);
   entry["pbrMetallicRoughness"] = {{"baseColorFactor", factor}, {"metallicFactor", 0.0}, {"roughnessFactor", 1.0}};
   if (material.double_sided) entry["doubleSided"] = true;
+  if (material.alpha_mode == AlphaMode::kBlend) entry["alphaMode"] = "BLEND";
+  if (material.alpha_mode == AlphaMode::kMask) {
+    entry["alphaMode"] = "MASK";
+    if (material.alpha_cutoff != 0.5f) entry["alphaCutoff"] = material.alpha_cutoff;
+  }
   return entry;
 }
 

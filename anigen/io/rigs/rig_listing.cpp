@@ -383,8 +383,8 @@ std::vector<DatasetItem> list_dataset(const std::filesystem::path& root) {
     for (const char* column : {"local_path", "file_identifier", "sha256"}) {
       if (item.name.empty()) item.name = table.cell(row, column);
     }
-    item.is_variant = !table.cell(row, "variant_of").empty();
-    if (!item.is_variant) {
+    item.variant_of = table.cell(row, "variant_of");
+    if (!item.is_variant()) {
       item.uuid = table.cell(row, "uuid");
       for (const char* column : {"local_path", "file_identifier"}) {
         if (item.uuid.empty()) item.uuid = key_of_sample(table.cell(row, column));
@@ -482,8 +482,8 @@ void add_file(const fs::path& file, const std::string& local_path, bool required
 std::vector<RigEntry> list_published(const fs::path& folder) {
   std::vector<RigEntry> entries;
   for (const DatasetItem& item : list_dataset(folder))
-    entries.push_back(
-        {RigFormat::kDataset, folder, item.id, item.is_variant ? item.id : item.name, item.test, item.uuid});
+    entries.push_back({RigFormat::kDataset, folder, item.id, item.is_variant() ? item.id : item.name, item.test,
+                       item.uuid, item.variant_of});
   if (entries.empty()) throw InputError((folder / "metadata.csv").string(), "", "the dataset has no row");
   return entries;
 }

@@ -130,8 +130,10 @@ void require_content(const std::filesystem::path& file);
 struct DatasetItem {
   std::string id;    ///< the sha256 column
   std::string name;  ///< something readable: local_path, else file_identifier, else the id
-  /// A posed variant of another row: a shape of its own, which has neither uuid nor other names but its id.
-  bool is_variant = false;
+  /// Id of the row of which this is a posed variant: a shape of its own, which has neither uuid nor other names but its
+  /// id. Empty for all others.
+  std::string variant_of;
+  bool is_variant() const { return !variant_of.empty(); }
   std::vector<std::string> other_names;  ///< what else the asset is called: its uuid, local_path and file_identifier
   std::string uuid;    ///< of the sample in the shard it came from; in older tables read from "<shard>#<uuid>"
   std::string source;  ///< "real", "procedural:<family>", or empty
@@ -186,8 +188,9 @@ struct RigEntry {
   /// Below the folder that was listed, with '/'; samples of a shard as "<path>#<key>". For a dataset's asset what its
   /// metadata.csv says, for a posed variant there its id.
   std::string local_path;
-  bool is_test = false;  ///< the source says so: is_test of a dataset, a shard called "…test"
-  std::string uuid;      ///< what the sample is called in its shard, now or when the dataset was made; or empty
+  bool is_test = false;      ///< the source says so: is_test of a dataset, a shard called "…test"
+  std::string uuid;          ///< what the sample is called in its shard, now or when the dataset was made; or empty
+  std::string variant_of{};  ///< id of the dataset's asset of which this is another pose; or empty
 };
 
 /// Every rigged asset that a file or folder holds; formats may be mixed, folders of any depth:

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 #include <iterator>
+#include <map>
 #include <utility>
 
 #include "anigen/asset/rigged_asset.h"
@@ -300,6 +301,8 @@ ImportedAsset asset_of(RiggedShape shape) {
     if (count > 0) imported.notes.push_back({code, std::to_string(count) + " " + what});
   };
   tally("zero_weights", shape.unweighted, "vertices had no weight and were bound to the root");
+  tally("unnormalised_weights", shape.not_whole.size() - shape.unweighted,
+        "vertices had weights that did not sum to 1 and were divided by their sum");
   tally("duplicate_joint_names", repeated_names(shape.joint_names), "joints had the name of an earlier one");
   const std::size_t trees = anigen::roots(shape.joints).size();
   if (trees > 1) tally("several_roots", trees, "joint roots: all but the first became its children");
@@ -360,6 +363,25 @@ std::string RigReader::content_id(const RigEntry& entry) const {
   digest.update(read_file(file, limits.max_file_bytes));
   const fs::path mesh = entry.format == RigFormat::kTextRig ? mesh_of_text_rig(file) : fs::path();
   if (!mesh.empty()) digest.update(read_file(mesh, limits.max_file_bytes));
+  return digest.finish();
+}
+
+std::string pictures_id(const RigEntry& entry) {
+  if (entry.format != RigFormat::kGltf && entry.format != RigFormat::kAssimp) return "";
+  const ImportOptions limits;
+  std::map<std::string, std::string> contents;
+  for (const fs::path& file : files_read_with(entry.file)) {
+    if (!has_extension(file, {".png", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".gif", ".tif", ".tiff", ".mtl"}))
+      continue;
+    try {
+      contents[file.lexically_relative(entry.file.parent_path()).generic_string()] =
+          sha256(read_file(file, limits.max_file_bytes));
+    } catch (const Error&) {  // it is not there, or cannot be read: so it has no part in what is made
+    }
+  }
+  if (contents.empty()) return "";
+  Sha256 digest;
+  for (const auto& [name, content] : contents) digest.update(name + "\n" + content + "\n");
   return digest.finish();
 }
 

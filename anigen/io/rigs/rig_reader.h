@@ -40,4 +40,8 @@ class RigReader {
   mutable std::shared_ptr<const ShapeSource> open_shard_;
 };
 
+/// Digest of the names and contents of pictures and materials that lie beside a glTF, FBX or COLLADA file and are
+/// there: what content_id() leaves out. Empty where there is none.
+std::string pictures_id(const RigEntry& entry);
+
 }  // namespace anigen::io

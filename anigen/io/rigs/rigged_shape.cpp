@@ -194,10 +194,12 @@ void SkinRows::finish(std::int32_t fallback, RiggedShape& shape) {
   shape.skin = {};
   shape.unweighted = 0;
   shape.lowest_weight_sum = 1.0;
+  shape.not_whole.clear();
   std::size_t rescaled = 0;
   for (std::vector<Influence>& row : rows_) {
     double sum = 0.0;
     for (const Influence& i : row) sum += i.weight;
+    if (std::abs(sum - 1.0) > kRounding) shape.not_whole.push_back(shape.skin.rows());
     if (row.empty()) {
       ++shape.unweighted;
       row.push_back({fallback, 1.0f});

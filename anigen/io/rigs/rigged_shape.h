@@ -41,6 +41,9 @@ struct RiggedShape {
   Eigen::Matrix3d clips_turn = Eigen::Matrix3d::Identity();
   std::size_t unweighted = 0;      ///< vertices without weights in the file, bound to the root
   double lowest_weight_sum = 1.0;  ///< of a vertex with weights in the file
+  /// Vertices whose weights in the file do not sum to 1 within 0.01, in order; of files with arrays of weights (npz,
+  /// shards, text), not of scenes such as GLB.
+  std::vector<std::size_t> not_whole;
   std::vector<std::string> notes;  ///< what was repaired or left out while reading
 
   RiggedShape() = default;

@@ -280,6 +280,18 @@ TEST(GltfExport, OnePrimitivePerMaterialOverSharedVertices) {
   EXPECT_FALSE(file.json["materials"][1].value("doubleSided", false));
 }
 
+TEST(GltfExport, SaysWhatAlphaMeansWhereTheAssetDoes) {
+  Asset asset = small_asset();
+  EXPECT_FALSE(exported(asset).json["materials"][0].contains("alphaMode"));
+  asset.materials[0].alpha_mode = AlphaMode::kMask;
+  asset.materials[0].alpha_cutoff = 0.25f;
+  asset.materials[1].alpha_mode = AlphaMode::kBlend;
+  const ParsedGltf file = exported(asset);
+  EXPECT_EQ(file.json["materials"][0]["alphaMode"], "MASK");
+  EXPECT_EQ(file.json["materials"][0]["alphaCutoff"], 0.25);
+  EXPECT_EQ(file.json["materials"][1]["alphaMode"], "BLEND");
+}
+
 TEST(GltfExport, TextureBytesAreKept) {
   const Asset asset = small_asset();
   const ParsedGltf file = exported(asset);

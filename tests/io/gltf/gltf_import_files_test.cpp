@@ -383,7 +383,8 @@ TEST(GltfImport, ReadsMaterialsTexturesAndTheirTransforms) {
   Json pbr = {{"baseColorFactor", {1, .5, .25, 2}},
               {"baseColorTexture", {{"index", 0}, {"texCoord", 1}, {"extensions", transform}}}};
   file.json["materials"] =
-      Json::array({Json{{"name", "plain"}, {"doubleSided", true}}, Json{{"pbrMetallicRoughness", pbr}}});
+      Json::array({Json{{"name", "plain"}, {"doubleSided", true}, {"alphaMode", "MASK"}, {"alphaCutoff", 0.25}},
+                   Json{{"pbrMetallicRoughness", pbr}}});
   file.json["textures"] = Json::array({Json{{"source", 1}}});
   file.json["images"] = Json::array({Json{{"uri", "nowhere.png"}}, Json{{"uri", "a%20picture.png"}}});
   file.save(folder / "file.gltf");
@@ -391,6 +392,9 @@ TEST(GltfImport, ReadsMaterialsTexturesAndTheirTransforms) {
   const Asset& asset = imported.asset;
   ASSERT_EQ(asset.materials.size(), 2u);
   EXPECT_TRUE(asset.materials[0].double_sided);
+  EXPECT_EQ(asset.materials[0].alpha_mode, AlphaMode::kMask);
+  EXPECT_EQ(asset.materials[0].alpha_cutoff, 0.25f);
+  EXPECT_EQ(asset.materials[1].alpha_mode, AlphaMode::kOpaque);
   EXPECT_EQ(asset.materials[1].base_color, Eigen::Vector4f(1, .5f, .25f, 1));
   ASSERT_EQ(asset.images.size(), 1u);
   EXPECT_EQ(asset.materials[1].image, 0);

@@ -108,6 +108,7 @@ TEST_F(Formats, PublishedDataSet) {
   EXPECT_EQ(shape.notes, (std::vector<std::string>{"1 vertices without a weight are bound to joint 0",
                                                    "1 vertices' weights did not sum to 1 and were divided by their sum",
                                                    "the data set marks its skin as bad"}));
+  EXPECT_EQ(shape.not_whole, (std::vector<std::size_t>{0, 3}));
   EXPECT_EQ(test::refusal([&] { source->read("lost"); }), "there is no such file");
   EXPECT_EQ(test::refusal([&] { source->read("other"); }), "has no id \"other\"");
 }
