@@ -1,6 +1,8 @@
 #include "anigen/apps/common/command_line.h"
 #include "anigen/apps/common/torch_half.h"
 #include "anigen/apps/generate_arguments.h"
+#include "anigen/core/error.h"
+#include "anigen/io/rigs/rig_listing.h"
 
 namespace {
 
@@ -122,6 +124,19 @@ void refuse_other_stages(const CLI::App& app, const GenerateArguments& arguments
       "is of the mesh; --stop-at voxels ends before it");
 }
 
+/// Names of files in formats that assets are not written in: a folder of such a name is hardly meant.
+void refuse_other_formats(const std::filesystem::path& output) {
+  if (!io::has_extension(output, {".vrm", ".obj", ".ply", ".stl", ".dae", ".3mf", ".usd", ".usdc"}) ||
+      std::filesystem::is_directory(output))
+    return;
+  const bool is_vrm = io::has_extension(output, {".vrm"}), is_obj = io::has_extension(output, {".obj"});
+  throw InputError(output.string(), "--output",
+                   "an asset's file is a .glb, .gltf, .fbx, .usda or .usdz" +
+                       std::string(is_vrm   ? "; anigen-rig makes a .vrm of a .glb"
+                                   : is_obj ? "; --obj writes an OBJ beside it, into a folder"
+                                            : ""));
+}
+
 /// Options that the others leave without effect.
 void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
   refuse_other_stages(app, arguments);
@@ -175,6 +190,7 @@ int main(int argc, char** argv) {
   add_finishing_options(program.app, arguments);
   program.add_common({"--keep-going", "--seed [42]", "--threads", "--device", "--json"}, library_versions());
   return program.run(argc, argv, [&] {
+    refuse_other_formats(arguments.output);
     refuse_ignored(program.app, arguments);
     torch_half("generation").generate(arguments, program.common);
   });

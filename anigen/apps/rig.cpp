@@ -39,7 +39,7 @@ engine::RigOptions classical_options(const RigArguments& options, bool learned) 
   engine::RigOptions rig = options.rig;
   const bool fields = rig.method == kAnigen;
   if (learned) rig.method = fields ? "auto" : "geovoxel";
-  if (fields) rig.learned_joints = false;
+  if (fields) rig.learned_joints = rig.keep_skeleton = false;  // its joints are new ones, of each body
   if (rig.skin == kLearnedSkin) rig.skin.clear();
   if (options.rigid_parts) rig.rigid_share = options.rigid_share;
   return rig;

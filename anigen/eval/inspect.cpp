@@ -91,9 +91,12 @@ Geometry shape(const fs::path& file, const std::string& id, FileKind kind) {
   const std::string extension = io::lower_extension(file);
   if (kind == FileKind::kMesh) {
     const bool obj = extension == ".obj";
+    if (extension == ".3mf") {  // the reader converts its unit, which such a file always has
+      geometry.source = {{"format", "3MF"}, {"axes", "Z up, by the format"}, {"unit", metres(1.0)}};
+      return geometry;
+    }
     const std::string name = obj ? "OBJ" : extension == ".ply" ? "PLY" : "STL";
     geometry.source = {{"format", name}, {"axes", by_custom(obj ? 'Y' : 'Z')}};
-    if (obj) geometry.source["left_out"] = "materials and textures of the .mtl";
   } else if (kind == FileKind::kTextRig) {
     geometry.source = {{"format", "text rig"}, {"axes", by_custom('Y')}};
   } else if (kind == FileKind::kRigNpz) {

@@ -234,29 +234,29 @@ void add_anymate_metrics(const ComparedShapes& shapes, PairResult& result) {
   result.set("anymate_emd_exact", metrics::wasserstein1(predicted, truth).distance);
 }
 
-/// Puppeteer's scores, which leave larger skeletons out.
-void add_puppeteer_skin(const metrics::SkinMatrixView& predicted, const metrics::SkinMatrixView& truth,
-                        PairResult& result) {
-  const auto joints = static_cast<std::size_t>(truth.cols());
-  if (joints > metrics::kPuppeteerMostJoints) {
-    const std::string reason = "Puppeteer scores no weights of more than " +
-                               std::to_string(metrics::kPuppeteerMostJoints) + " joints; the ground truth has " +
-                               std::to_string(joints);
-    for (const char* key : {"puppeteer.skin_precision", "puppeteer.skin_recall", "puppeteer.skin_l1"})
-      result.skip(key, reason);
+/// Puppeteer's scores, which leave larger skeletons out, and vertices whose true weights were not whole in the file.
+void add_puppeteer_skin(const metrics::SkinMatrixView& predicted, metrics::SkinMatrix truth,
+                        const std::vector<std::size_t>& not_whole, PairResult& result) {
+  for (const std::size_t v : not_whole) truth.row(static_cast<Eigen::Index>(v)).setZero();
+  const bool too_large = truth.cols() > static_cast<Eigen::Index>(metrics::kPuppeteerMostJoints);
+  const auto puppeteer = too_large ? metrics::PuppeteerSkinScore{} : metrics::puppeteer_skin(predicted, truth);
+  if (puppeteer.kept > 0) {
+    result.set("puppeteer.skin_precision", puppeteer.overlap.precision);
+    result.set("puppeteer.skin_recall", puppeteer.overlap.recall);
+    result.set("puppeteer.skin_l1", puppeteer.l1);
     return;
   }
-  const metrics::PuppeteerSkinScore puppeteer = metrics::puppeteer_skin(predicted, truth);
-  result.set("puppeteer.skin_precision", puppeteer.overlap.precision);
-  result.set("puppeteer.skin_recall", puppeteer.overlap.recall);
-  result.set("puppeteer.skin_l1", puppeteer.l1);
+  const std::string most = std::to_string(metrics::kPuppeteerMostJoints), joints = std::to_string(truth.cols());
+  for (const char* key : {"puppeteer.skin_precision", "puppeteer.skin_recall", "puppeteer.skin_l1"})
+    result.skip(
+        key, too_large ? "Puppeteer scores no weights of more than " + most + " joints; the ground truth has " + joints
+                       : "no vertex of the ground truth has weights that sum to 1");
 }
 
 /// Weights moved to the true vertices, joints matched by matching_plan(); deformation error.
 void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan, const PairSettings& settings,
                       PairResult& result) {
-  const io::RiggedShape& predicted = shapes.predicted;
-  const io::RiggedShape& truth = shapes.truth;
+  const io::RiggedShape &predicted = shapes.predicted, &truth = shapes.truth;
   const std::vector<Eigen::Vector3d> vertices = in_double(truth.mesh.vertices);
 
   SkinWeights moved;
@@ -281,7 +281,7 @@ void add_skin_metrics(const ComparedShapes& shapes, const Eigen::MatrixXd& plan,
   const metrics::SkinOverlap overlap = metrics::rignet_skin_overlap(matched_matrix, truth_matrix);
   result.set("skin_precision", overlap.precision);
   result.set("skin_recall", overlap.recall);
-  add_puppeteer_skin(matched_matrix, truth_matrix, result);
+  add_puppeteer_skin(matched_matrix, truth_matrix, truth.not_whole, result);
   const metrics::AnymateSkinScore anymate = metrics::anymate_skin(matched_matrix, truth_matrix);
   result.set("skin_ce", anymate.cross_entropy);
   result.set("skin_cos", 1.0 - anymate.cos_loss);

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <set>
 #include <utility>
 
 #include "anigen/core/error.h"
@@ -136,6 +137,17 @@ MadeClips make_clips(const Body& body, const Skeleton& skeleton, const AnimateRe
   return made;
 }
 
+/// Clips are told apart by their names, among themselves and from those that the file keeps.
+void give_own_names(const std::vector<Animation>& kept, MadeClips& made) {
+  std::set<std::string> taken;
+  for (const Animation& clip : kept) taken.insert(clip.name);
+  for (std::size_t i = 0; i < made.clips.size(); ++i) {
+    const std::string name = made.clips[i].name;
+    for (int k = 2; !taken.insert(made.clips[i].name).second; ++k) made.clips[i].name = name + "_" + std::to_string(k);
+    made.reports[i].name = made.clips[i].name;
+  }
+}
+
 void draw(const AnimateRequest& request, const Job& job, bool several, const Asset& asset, const Animation& clip) {
   if (request.pictures.empty()) return;
   if (!io::has_extension(request.pictures, {".png"})) {
@@ -153,6 +165,7 @@ AnimateReport animate(const Job& job, const AnimateRequest& request, const std::
   const Body body = analyse(asset);
   report.limbs = describe(body);
   MadeClips made = make_clips(body, asset.skeleton, request, given);
+  give_own_names(request.keep_clips ? asset.animations : std::vector<Animation>(), made);
   report.clips = std::move(made.reports);
   draw(request, job, several, asset, made.clips.front());
   report.copied = write_animated(job.asset, asset, made.clips, request.keep_clips, job.file, report.notes);

@@ -177,7 +177,11 @@ Reply Api::file(const std::string& id, const std::string& name) {
   const fs::path path = folder / name;
   if (type->made_of != nullptr && fs::exists(folder / type->made_of)) {
     const std::lock_guard<std::mutex> turn(computing_);
-    if (!fs::exists(path)) convert(*asset_of(id, type->made_of), path);
+    if (!fs::exists(path)) {
+      Asset asset = *asset_of(id, type->made_of);
+      if (const std::string stem = fs::path(record.name).stem().string(); !stem.empty()) asset.name = stem;
+      convert(asset, path);
+    }
   }
   if (!fs::exists(path)) throw RequestError(404, "the job has no " + name);
   reply.type = type->type;

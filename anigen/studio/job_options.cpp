@@ -49,6 +49,8 @@ void read_rig_options(ConfigReader& reader, engine::RigOptions& rig) {
     if (std::find(known.begin(), known.end(), word) == known.end())
       throw reader.error("templates", "\"" + word + "\" is no species; " + suggestion(word, known));
   }
+  if (!rig.templates.empty() && rig.method != "auto" && rig.method != "pinocchio")
+    throw reader.error("templates", "are for the methods auto and pinocchio; this is " + rig.method);
   rig.keep_skeleton = reader.boolean("keep_skeleton", true);
   rig.joints = static_cast<std::size_t>(reader.integer("joints", 0, 0, 1000));
   rig.symmetric = reader.boolean("symmetric", false);

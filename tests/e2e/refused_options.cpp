@@ -153,6 +153,9 @@ void check_numbers(Check& check, bool torch, bool mesh) {
   check.refuses("anigen-generate --image a.png --output x --voxels v.npz --stop-at voxels", {"--voxels"});
   check.refuses("anigen-generate --image a.png --output x --stop-at mesh", {"--stop-at", "voxels"});
   check.refuses("anigen-generate --image a.png --output x --mask m.png --background grabcut", {"--mask says"});
+  check.refuses("anigen-generate --image a.png --output x.vrm", {"x.vrm", "anigen-rig makes a .vrm"});
+  check.refuses("anigen-generate --image a.png --output x.obj", {"x.obj", "--obj"});
+  check.refuses("anigen-generate --image a.png --output x.STL", {"x.STL", ".glb"});
   check.refuses("anigen-generate --image a.png --output x --reduction 1",
                 {"--reduction: '1' is not a finite number from 0 to below 1"});
   for (const char* option : {"--matting-mean", "--matting-deviation"}) {

@@ -127,6 +127,27 @@ TEST(Protocols, PuppeteersWeightsByHand) {
   EXPECT_NEAR(result.value("puppeteer.skin_l1"), 0.8, 1e-6);
 }
 
+// Rows are divided by their sums on reading, so that these look whole.
+TEST(Protocols, PuppeteerLeavesOutVerticesWhoseTrueWeightsAreNotWhole) {
+  io::RiggedShape truth = boxed_chain(kTrue);
+  io::RiggedShape predicted = boxed_chain(kTrue);
+  predicted.skin = {};
+  std::vector<std::size_t> left, right;
+  for (std::size_t v = 0; v < predicted.mesh.vertices.size(); ++v) {
+    const bool is_left = predicted.mesh.vertices[v].x() < 1.05F;
+    (is_left ? left : right).push_back(v);
+    predicted.skin.append_row({{is_left ? 1 : 0, 1.0F}});  // the truth has joint 0 everywhere
+  }
+  const double whole = scored("puppeteer", predicted, truth).value("puppeteer.skin_l1");
+  EXPECT_GT(whole, 0.5);
+  truth.not_whole = left;
+  EXPECT_NEAR(scored("puppeteer", predicted, truth).value("puppeteer.skin_l1"), 0.0, 1e-6);
+  EXPECT_NEAR(scored("rignet", predicted, truth).value("skin_l1"), whole, 1e-6) << "of all vertices";
+  truth.not_whole.insert(truth.not_whole.end(), right.begin(), right.end());
+  EXPECT_EQ(scored("puppeteer", predicted, truth).not_computed.at("puppeteer.skin_l1"),
+            "no vertex of the ground truth has weights that sum to 1");
+}
+
 TEST(Protocols, PuppeteerScoresNoWeightsOfMoreThan70Joints) {
   for (const std::size_t count : {70u, 71u}) {
     Points joints;

@@ -242,6 +242,31 @@ TEST_F(RunComparisonTest, TakesACsvOfPairs) {
   EXPECT_GT(comparison.results[0][1].value("j2j"), 1e-3);
 }
 
+TEST_F(RunComparisonTest, SaysWhereOneIdMeansTwoTruths) {
+  write_file_atomically(folder_ / "one.csv", "pred,gt,id\ngood/a.glb,truth/a.glb,x\npoor/a.glb,truth/b.glb,y\n");
+  std::filesystem::copy_file(folder_ / "truth/a.glb", folder_ / "truth/copy_of_a.glb");
+  std::filesystem::copy_file(folder_ / "poor/a.glb", folder_ / "truth/another.glb");
+  const auto told = [&](const std::string& rows) {
+    write_file_atomically(folder_ / "two.csv", "pred,gt,id\n" + rows);
+    EvaluationRequest csvs = request();
+    csvs.predictions = {"one=" + (folder_ / "one.csv").string(), "two=" + (folder_ / "two.csv").string()};
+    csvs.truth.clear();
+    std::filesystem::remove_all(csvs.out);
+    log::setup("warn");
+    testing::internal::CaptureStderr();
+    run_evaluation(csvs);
+    std::string text = testing::internal::GetCapturedStderr();
+    log::setup("off");
+    return text;
+  };
+  EXPECT_EQ(told("good/a.glb,truth/copy_of_a.glb,x\ngood/a.glb,truth/b.glb,y\n").find("another ground truth"),
+            std::string::npos);
+  const std::string swapped = told("good/a.glb,truth/another.glb,x\ngood/a.glb,truth/b.glb,y\n");
+  EXPECT_NE(swapped.find("1 rows of two have another ground truth than in one under the same id, such as x: "),
+            std::string::npos)
+      << swapped;
+}
+
 // One command for three programs on one split of an Articulation-XL shard: predictions called by the sha256 that our
 // dataset gives the samples, and by their uuids as others write them.
 TEST_F(RunComparisonTest, ThreeProgramsOnOneSplitOfAShard) {

@@ -15,7 +15,7 @@ function imageOptions() {
 function meshOptions() {
   const options = {method: $('method').value, symmetric: $('symmetric').checked};
   const templates = [...document.querySelectorAll('#species input:checked')].map((box) => box.value);
-  if (templates.length > 0) options.templates = templates;
+  if (templates.length > 0 && ['auto', 'pinocchio'].includes(options.method)) options.templates = templates;
   if (Number($('joints').value) > 0) options.joints = Number($('joints').value);
   return options;
 }

@@ -75,7 +75,8 @@ async function showEdited(of, bytes) {
   return true;
 }
 
-const follow = () => $('follow').checked ? rebind() : undefined;
+// Edits that keep the rig's own weights are saved at once: binding anew, the other way to save, would lose these.
+const follow = () => $('follow').checked || editor().kept ? rebind() : undefined;
 
 // Names of a preset for all joints; the studio knows which joint is which. Nothing can be edited until they are there: an
 // edit meanwhile would stand before their step of the history.
