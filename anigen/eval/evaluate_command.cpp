@@ -79,17 +79,17 @@ void require_named(const EvaluationRequest& request, const std::set<std::string>
   }
 }
 
-bool equal_contents(const std::vector<fs::path>& a, const std::vector<fs::path>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const fs::path& one, const fs::path& other) {
-    std::error_code error;
-    if (fs::equivalent(one, other, error)) return true;
-    return fs::file_size(one, error) == fs::file_size(other, error) && !error && read_file(one) == read_file(other);
-  });
+/// True for files that say one thing, or are both missing.
+bool equal_contents(const fs::path& one, const fs::path& other) {
+  std::error_code error;
+  if (one == other || fs::equivalent(one, other, error)) return true;
+  const bool is_there = fs::is_regular_file(one, error);
+  if (!is_there || !fs::is_regular_file(other, error)) return is_there == fs::is_regular_file(other, error);
+  return fs::file_size(one, error) == fs::file_size(other, error) && read_file(one) == read_file(other);
 }
 
-/// Truths that CSVs give one id although their files differ: a row then compares methods on several assets.
+/// Truths of two CSVs that have one id although their files differ: a row then compares methods on several assets.
 void warn_of_other_truths(const ComparedMethod& first, const ComparedMethod& other) {
-  if (first.truths == other.truths) return;
   std::map<std::string, std::string> truth_of_row;
   for (const PairPlan& pair : first.pairs) truth_of_row.emplace(pair.id, pair.truth_id);
   std::size_t count = 0;
@@ -98,8 +98,9 @@ void warn_of_other_truths(const ComparedMethod& first, const ComparedMethod& oth
     const auto found = truth_of_row.find(pair.id);
     if (found == truth_of_row.end()) continue;
     const std::vector<fs::path> a = first.truths->files(found->second), b = other.truths->files(pair.truth_id);
-    if (a.empty() || b.empty() || equal_contents(a, b)) continue;
-    if (++count == 1) example = pair.id + ": " + a.front().string() + ", " + b.front().string();
+    // The last is the file itself, before it what it refers to.
+    if (a.empty() || b.empty() || equal_contents(a.back(), b.back())) continue;
+    if (++count == 1) example = pair.id + ": " + a.back().string() + ", " + b.back().string();
   }
   if (count > 0)
     log::warn("{} rows of {} have another ground truth than in {} under the same id, such as {}", count, other.label,
@@ -142,7 +143,8 @@ Opened open(const EvaluationRequest& request) {
   std::set<std::string> rows;
   for (const PairPlan& pair : opened.methods[0].pairs) rows.insert(pair.id);
   for (std::size_t m = 1; m < opened.methods.size(); ++m) {
-    warn_of_other_truths(opened.methods[0], opened.methods[m]);
+    const bool both_listed = opened.methods[0].truths != opened.truth && opened.methods[m].truths != opened.truth;
+    if (both_listed) warn_of_other_truths(opened.methods[0], opened.methods[m]);
     for (const PairPlan& pair : opened.methods[m].pairs) {
       if (pair.prediction_id && rows.count(pair.id) == 0) unused[m].push_back(pair.id);
     }

@@ -68,6 +68,11 @@ std::string variant_name(const AssetSource& source, std::size_t variant) {
 /// A posed variant, made here or in the dataset that was given.
 bool is_pose(const DatasetRow& row) { return row.variant > 0 || !row.entry.source.variant_of.empty(); }
 
+/// Id of the asset, or of that of which a dataset that was given has it as a pose.
+const std::string& original_of(const DatasetEntry& entry) {
+  return entry.source.variant_of.empty() ? entry.id : entry.source.variant_of;
+}
+
 /// Adds the asset, or says why not. @return whether it is in
 bool add_row(const fs::path& out, const ManifestEntry& entry, std::size_t variant, const std::string& id,
              DatasetRows& found) {
@@ -135,9 +140,7 @@ void mark(std::vector<DatasetRow>& rows, const SplitOptions& options, const Qual
     const DatasetEntry& entry = rows[i].entry;
     if (rows[i].variant > 0 || entry.source.procedural() != procedural || !usable(entry.record, limits)) continue;
     candidates.push_back(i);
-    // Poses in a dataset that was given are of one asset.
-    const std::string& own = entry.source.variant_of.empty() ? entry.id : entry.source.variant_of;
-    const std::string& name = options.by_skeleton && !procedural ? entry.record.skeleton.topology : own;
+    const std::string& name = options.by_skeleton && !procedural ? entry.record.skeleton.topology : original_of(entry);
     std::vector<std::size_t>& unit = units[name];
     if (unit.empty()) ids.push_back(name);
     unit.push_back(i);
@@ -416,11 +419,15 @@ void mark_test(std::vector<DatasetRow>& rows, const SplitOptions& options, const
                        "is a creature of a seed for streams, which trainings draw from; it cannot be a test asset");
     }
   }
+  // Poses of a dataset that was given stay with their source: where one is for testing, all are.
+  std::set<std::string> tested;
+  for (const DatasetRow& row : rows) {
+    if (row.variant == 0 && row.entry.is_test) tested.insert(original_of(row.entry));
+  }
   for (DatasetRow& row : rows) {
-    // A pose goes where its source goes, also when both came from a dataset.
-    if (test.count(row.entry.source.variant_of) == 0) continue;
+    if (row.variant > 0 || tested.count(original_of(row.entry)) == 0) continue;
     row.entry.is_test = usable(row.entry.record, limits);
-    if (row.entry.is_test && row.variant == 0) test.insert(row.entry.id);
+    if (row.entry.is_test) test.insert(row.entry.id);
   }
   for (DatasetRow& row : rows) {
     if (row.variant > 0) row.entry.is_test = test.count(row.variant_of) > 0;

@@ -162,6 +162,8 @@ TEST(Splits, KeepPosesOfADatasetWithTheirSource) {
   SplitOptions named;
   named.test_names = {"c"};
   EXPECT_EQ(made(named), 1u);
+  named.test_names = {"c1"};
+  EXPECT_EQ(made(named), 1u) << "a pose takes its source along";
 }
 
 TEST(Splits, KeepAssetsOfOneSkeletonTogether) {
