@@ -43,7 +43,7 @@ struct DatasetRow {
   DatasetEntry entry;
   StepRecords records;
   std::size_t variant = 0;  ///< 0: the source itself, k + 1: its posed variant k
-  std::string variant_of;   ///< id of the source; empty for the source itself
+  std::string variant_of;   ///< id of the source of a variant made here; empty for the source itself
   std::string aesthetic_score;
   std::string near_skeleton_of;  ///< id of an earlier asset; empty: none
 
