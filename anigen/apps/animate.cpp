@@ -20,13 +20,32 @@ bool wants_pose_alone(const CLI::App& app, const AnimateArguments& arguments) {
 }
 
 /// Options that the motions asked for leave without effect.
+/// Options that a list, a video or motions of files leave without effect, or cannot do without.
 void refuse_ignored(const CLI::App& app, const AnimateArguments& arguments) {
+  if (arguments.list) {
+    return refuse_given(app,
+                        {"--output", "--format", "--motion", "--pose", "--frames", "--fps", "--speed", "--travel",
+                         "--drop-clips", "--turntable", "--keep-going", "--video", "--background", "--matting-network"},
+                        "does not go with --list");
+  }
+  const bool films = !arguments.video.empty();
+  if (films) {
+    refuse_given(app, {"--motion", "--pose", "--frames", "--speed", "--travel", "--format", "--keep-going"},
+                 "does not go with --video, whose motion one asset gets");
+    if (arguments.background != "auto" && arguments.background != "network")
+      refuse_given(app, {"--matting-network"}, "is not used by --background " + arguments.background);
+  }
+  if (arguments.request.out.empty())
+    throw InputError("", "--output",
+                     films ? "name the file to write" : "name the file or folder to write, or ask for --list");
+  if (films) return;
+  refuse_given(app, {"--background", "--matting-network"}, "applies only to the frames of a --video");
   const std::vector<std::string>& words = arguments.clips.motions;
   if (arguments.clips.frames > 0) refuse_given(app, {"--fps"}, "has no effect beside --frames");
   if (wants_pose_alone(app, arguments))
     refuse_given(app, {"--frames", "--fps", "--speed", "--travel"}, "has no effect on --pose alone");
   const bool travels = std::any_of(words.begin(), words.end(), motions::can_travel);
-  if (!travels) refuse_given(app, {"--travel"}, "is of walk, run, swim, fly and slither");
+  if (!travels) refuse_given(app, {"--travel"}, "applies only to walk, run, swim, fly and slither");
 }
 
 void list(const AnimateArguments& arguments, const CommonOptions& common) {
@@ -36,7 +55,6 @@ void list(const AnimateArguments& arguments, const CommonOptions& common) {
 
 void animate(const CLI::App& app, AnimateArguments& arguments, const CommonOptions& common) {
   motions::AnimateRequest& request = arguments.request;
-  if (request.out.empty()) throw InputError("", "--output", "name the file or folder to write, or ask for --list");
   request.options = engine::motion_options(arguments.clips);
   if (!wants_pose_alone(app, arguments)) request.motions = arguments.clips.motions;
   request.assets = arguments.asset;
@@ -44,7 +62,7 @@ void animate(const CLI::App& app, AnimateArguments& arguments, const CommonOptio
   request.t_pose = !arguments.pose.empty();
   request.keep_clips = !arguments.drop_clips;
   if (!std::filesystem::is_directory(arguments.asset))
-    refuse_given(app, {"--format"}, "is of the files in a folder; the extension of --output says that of one file");
+    refuse_given(app, {"--format"}, "applies only to a folder; for one file the extension of --output says the format");
   const std::vector<motions::AnimateReport> reports = motions::animate_files(request);
   print_result(motions::to_json(reports), motions::to_text(reports), common);
   if (!std::filesystem::is_directory(arguments.asset) && !reports.front().failure.empty())
@@ -53,13 +71,8 @@ void animate(const CLI::App& app, AnimateArguments& arguments, const CommonOptio
 }
 
 void animate_from_video(const CLI::App& app, AnimateArguments& arguments, const CommonOptions& common) {
-  refuse_given(app, {"--motion", "--pose", "--frames", "--speed", "--travel", "--format", "--keep-going"},
-               "does not go with --video, whose motion one asset gets");
-  if (arguments.request.out.empty()) throw InputError("", "--output", "name the file to write");
   if (std::filesystem::is_directory(arguments.asset))
     throw InputError(arguments.asset, "--asset", "a video moves one asset: name a file");
-  if (arguments.background != "auto" && arguments.background != "network")
-    refuse_given(app, {"--matting-network"}, "is not used by --background " + arguments.background);
   if (app.count("--fps") > 0) arguments.video_fps = arguments.clips.fps;
   torch_half("--video").animate_from_video(arguments, common);
 }
@@ -102,17 +115,10 @@ int main(int argc, char** argv) {
   add_option(app, "--output", arguments.request.out, ": a file for a file, a folder for a folder");
   add_option(app, "--format", arguments.request.format);
   program.add_common({"--keep-going", "--threads", "--json"});
+  program.check = [&] { refuse_ignored(app, arguments); };
   return program.run(argc, argv, [&] {
-    if (arguments.list) {
-      refuse_given(app,
-                   {"--output", "--format", "--motion", "--pose", "--frames", "--fps", "--speed", "--travel",
-                    "--drop-clips", "--turntable", "--keep-going", "--video", "--background", "--matting-network"},
-                   "does not go with --list");
-      return list(arguments, program.common);
-    }
+    if (arguments.list) return list(arguments, program.common);
     if (!arguments.video.empty()) return animate_from_video(app, arguments, program.common);
-    refuse_given(app, {"--background", "--matting-network"}, "is of frames of a --video");
-    refuse_ignored(app, arguments);
     animate(app, arguments, program.common);
   });
 }

@@ -65,13 +65,13 @@ int main(int argc, char** argv) {
   add_option(grouping, "--limit", grouped.most)->check(whole_number(0));
   add_option(grouping, "--ckpt", grouped.ckpt, kCheckpoint);
   program.add_common({"--keep-going", "--threads", "--device", "--json"}, library_versions());
+  program.check = [&] {
+    if (grouping.parsed() && grouped.run.empty() && grouped.slat_flow.empty())
+      throw InputError("", "--run", "name the run of stage 3, or both flows with --ss-flow and --slat-flow");
+  };
   return program.run(argc, argv, [&] {
     structure.device = structured.device = rebuilt.device = grouped.device = program.common.device;
-    if (grouping.parsed()) {
-      arguments.task = EncodeArguments::Task::kGrouping;
-      if (grouped.run.empty() && grouped.slat_flow.empty())
-        throw InputError("", "--run", "which run of stage 3, or which two flows (--ss-flow, --slat-flow)?");
-    }
+    if (grouping.parsed()) arguments.task = EncodeArguments::Task::kGrouping;
     if (ss.parsed()) arguments.encoded = structure;
     if (slat.parsed()) {
       arguments.task = EncodeArguments::Task::kStructuredLatents;

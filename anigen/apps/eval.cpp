@@ -25,8 +25,6 @@ bool evaluates_weights(const EvalArguments& options) {
 }
 
 void evaluate_skins(const EvalArguments& options, const CommonOptions& common) {
-  if (!options.skin_runs.empty() && !options.skin_ae.empty())
-    throw InputError("", "--skin-run", "binds meshes, and --skin-ae gives back true weights: evaluate one at a time");
   eval::SkinRequest request;
   request.dataset = options.dataset;
   request.splits = {options.splits.begin(), options.splits.end()};
@@ -93,18 +91,20 @@ void evaluate_shapes(const EvalArguments& options, const CommonOptions& common) 
 }
 
 void evaluate_oracle(const EvalArguments& options, const CommonOptions& common) {
-  if (!options.shapes.predictions.empty() || evaluates_weights(options))
-    throw InputError("", "--oracle", "makes its predictions itself, and evaluates nothing else at the same time");
-  for (const auto& [value, option] : {std::pair(options.ss_flow, "--ss-flow"), {options.slat_flow, "--slat-flow"}})
-    if (value.empty()) throw InputError("", option, "--oracle needs the runs of both flows");
-  if (options.dataset.empty()) throw InputError("", "--dataset", "of which dataset are the true assets?");
-  if (options.guidance.size() > 1) throw InputError("", "--ss-guidance", "--oracle generates with one guidance scale");
   eval::EvaluationRequest pairs = shapes_request(options, common);
   if (options.scores.groups.empty()) pairs.settings.groups = {"skeleton", "transport", "skin", "surface"};
   torch_half("--oracle").evaluate_oracle(options, common, pairs);
 }
 
-void evaluate_matting(const EvalArguments& options, const CommonOptions& common) {
+void run(const EvalArguments& options, const CommonOptions& common) {
+  if (!options.matting_network.empty()) return torch_half("--matting-network").evaluate_matting(options, common);
+  if (options.oracle) return evaluate_oracle(options, common);
+  if (!options.ss_flow.empty()) return torch_half("--ss-flow").evaluate_structures(options, common);
+  if (!options.shapes.predictions.empty()) return evaluate_shapes(options, common);
+  evaluate_skins(options, common);
+}
+
+void refuse_beside_matting(const EvalArguments& options) {
   const std::pair<bool, const char*> others[] = {{options.oracle, "--oracle"},
                                                  {!options.ss_flow.empty(), "--ss-flow"},
                                                  {!options.shapes.predictions.empty(), "--pred"},
@@ -114,27 +114,37 @@ void evaluate_matting(const EvalArguments& options, const CommonOptions& common)
   for (const auto& [given, option] : others) {
     if (given) throw InputError("", option, "--matting-network evaluates outlines, and nothing else at the same time");
   }
-  if (options.dataset.empty()) throw InputError("", "--dataset", "of which dataset are the objects?");
-  torch_half("--matting-network").evaluate_matting(options, common);
+  if (options.dataset.empty()) throw InputError("", "--dataset", "name the dataset that holds the objects");
 }
 
-void run(const EvalArguments& options, const CommonOptions& common) {
-  if (!options.matting_network.empty()) return evaluate_matting(options, common);
-  if (options.oracle) return evaluate_oracle(options, common);
-  if (!options.shapes.category_splits.empty() && options.shapes.predictions.empty())
+void refuse_beside_oracle(const EvalArguments& options) {
+  if (!options.shapes.predictions.empty() || evaluates_weights(options))
+    throw InputError("", "--oracle", "makes its predictions itself, and evaluates nothing else at the same time");
+  for (const auto& [value, option] : {std::pair(options.ss_flow, "--ss-flow"), {options.slat_flow, "--slat-flow"}})
+    if (value.empty()) throw InputError("", option, "--oracle needs the runs of both flows");
+  if (options.dataset.empty()) throw InputError("", "--dataset", "name the dataset that holds the true assets");
+  if (options.guidance.size() > 1) throw InputError("", "--ss-guidance", "--oracle generates with one guidance scale");
+}
+
+/// A command evaluates one thing, and needs what that is compared with. @throws InputError
+void refuse_two_tasks(const EvalArguments& options) {
+  if (!options.matting_network.empty()) return refuse_beside_matting(options);
+  if (options.oracle) return refuse_beside_oracle(options);
+  const bool shapes = !options.shapes.predictions.empty();
+  if (!options.shapes.category_splits.empty() && !shapes)
     throw InputError("", "--category-split", "sorts rigged shapes: it needs --pred");
-  if (options.limit > 0 && options.ss_flow.empty() && (options.shapes.predictions.empty() || options.dataset.empty()))
+  if (options.limit > 0 && options.ss_flow.empty() && (!shapes || options.dataset.empty()))
     throw InputError("", "--limit", "goes with --pred and --dataset, with --ss-flow or with --matting-network");
   if (!options.ss_flow.empty()) {
-    if (!options.shapes.predictions.empty() || evaluates_weights(options))
+    if (shapes || evaluates_weights(options))
       throw InputError("", "--ss-flow", "evaluates a flow of sparse structures, and nothing else at the same time");
-    return torch_half("--ss-flow").evaluate_structures(options, common);
+    return;
   }
-  if (!options.shapes.predictions.empty()) {
+  if (shapes) {
     if (evaluates_weights(options))
       throw InputError("", "--pred",
                        "compares rigged shapes; --skin-ae, --skin-run and --skins evaluate weights: one or the other");
-    return evaluate_shapes(options, common);
+    return;
   }
   if (!options.shapes.motion.empty() || options.shapes.motions_pictured > 0)
     throw InputError("", options.shapes.motion.empty() ? "--motion-images" : "--motion",
@@ -142,8 +152,10 @@ void run(const EvalArguments& options, const CommonOptions& common) {
   if (!options.lpips_weights.empty() || !options.image_encoder.empty())
     throw InputError("", options.lpips_weights.empty() ? "--image-encoder" : "--lpips-weights",
                      "compares images of rigged shapes: it needs --pred");
-  if (options.dataset.empty()) throw InputError("", "--dataset", "which ground truth? A file, a folder or a dataset");
-  evaluate_skins(options, common);
+  if (options.dataset.empty())
+    throw InputError("", "--dataset", "name the ground truth: a file, a folder or a dataset");
+  if (!options.skin_runs.empty() && !options.skin_ae.empty())
+    throw InputError("", "--skin-run", "binds meshes, and --skin-ae gives back true weights: evaluate one at a time");
 }
 
 /// Options of rigged shapes alone. @return their names
@@ -250,17 +262,18 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
   const bool structures = !options.ss_flow.empty() && !options.oracle;
   const bool shapes = !options.shapes.predictions.empty() || options.oracle;
   const bool matting = !options.matting_network.empty();
-  if (!matting) refuse_given(app, of_matting, "is of matting: it needs --matting-network");
+  if (!matting) refuse_given(app, of_matting, "applies only with --matting-network");
   if (matting) {
     refuse_given(app, {"--keep-going", "--json", "--no-report", "--device"}, "--matting-network has no use for it");
-    refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
-    refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
-    refuse_given(app, of_oracle, "is of generated assets: it needs --oracle");
+    refuse_given(app, of_shapes, "applies only to rigged shapes: it needs --pred");
+    refuse_given(app, of_structures, "applies only to sparse structures: it needs --ss-flow");
+    refuse_given(app, of_oracle, "applies only to generated assets: it needs --oracle");
     return;
   }
-  if (!structures && !options.oracle) refuse_given(app, of_structures, "is of sparse structures: it needs --ss-flow");
-  if (!shapes) refuse_given(app, of_shapes, "is of rigged shapes: it needs --pred");
-  if (!options.oracle) refuse_given(app, of_oracle, "is of generated assets: it needs --oracle");
+  if (!structures && !options.oracle)
+    refuse_given(app, of_structures, "applies only to sparse structures: it needs --ss-flow");
+  if (!shapes) refuse_given(app, of_shapes, "applies only to rigged shapes: it needs --pred");
+  if (!options.oracle) refuse_given(app, of_oracle, "applies only to generated assets: it needs --oracle");
   if (options.oracle) {
     refuse_given(
         app, {"--train-split", "--retrieval-views", "--pred-up", "--dataset-up", "--lpips-weights", "--image-encoder"},
@@ -276,10 +289,10 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
   if (!structures && !shapes) refuse_given(app, {"--seed"}, "the evaluation of weights draws nothing at random");
   if (!structures && !options.oracle && options.skin_ae.empty() && options.lpips_weights.empty() &&
       options.image_encoder.empty()) {
-    refuse_given(
-        app, {"--device"},
-        "is of networks, which only --ss-flow, --oracle, --skin-ae, --lpips-weights and --image-encoder use; the rest "
-        "is for the CPU");
+    refuse_given(app, {"--device"},
+                 "applies to networks, which only --ss-flow, --oracle, --skin-ae, --lpips-weights and --image-encoder "
+                 "use; the rest "
+                 "is for the CPU");
   }
   if (!options.scores.protocol.empty()) {
     refuse_given(app,
@@ -289,7 +302,7 @@ void refuse_ignored(const CLI::App& app, const EvalArguments& options, const std
   }
   if (!options.scores.registration) {
     refuse_given(app, {"--rotations", "--icp-scale", "--icp-plane", "--icp-trim", "--exhaustive"},
-                 "is of the registration that --no-icp leaves out");
+                 "applies to the registration that --no-icp leaves out");
   }
   const auto wants = [&](const char* metrics) {
     const std::string group = metrics;
@@ -346,8 +359,9 @@ int main(int argc, char** argv) {
   const std::vector<std::string> oracle = add_oracle_options(app, options);
   const std::vector<std::string> matting = add_matting_options(app, options);
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
-  return program.run(argc, argv, [&] {
+  program.check = [&] {
     refuse_ignored(app, options, shapes, structures, oracle, matting);
-    run(options, program.common);
-  });
+    refuse_two_tasks(options);
+  };
+  return program.run(argc, argv, [&] { run(options, program.common); });
 }

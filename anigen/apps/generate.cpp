@@ -110,18 +110,18 @@ void refuse_other_stages(const CLI::App& app, const GenerateArguments& arguments
     refuse_given(app,
                  {"--ss-guidance", "--ss-steps", "--ss-interval", "--ss-dae", "--condition", "--normals",
                   "--normal-map", "--normal-weights"},
-                 "is of stage 4, which --voxels leaves out");
+                 "applies to stage 4, which --voxels leaves out");
   }
   if (arguments.sampling.stop_at.empty()) return;
   refuse_given(app,
                {"--slat-guidance", "--slat-steps", "--slat-interval", "--joints", "--joint-density", "--joint-level"},
-               "is of stage 5; --stop-at voxels ends before it");
+               "applies to stage 5; --stop-at voxels ends before it");
   refuse_given(
       app,
       {"--cluster-algorithm", "--cluster-bandwidth", "--cluster-min-votes", "--reduction", "--keep-hidden",
        "--hidden-views", "--no-filter-skin", "--no-smooth-skin", "--smooth-iterations", "--smooth-alpha",
        "--rigid-parts", "--rigid-share", "--texture-size", "--colors", "--axes", "--still", "--obj", "--intermediate"},
-      "is of the mesh; --stop-at voxels ends before it");
+      "applies to the mesh; --stop-at voxels ends before it");
 }
 
 /// Names of files in formats that assets are not written in: a folder of such a name is hardly meant.
@@ -149,15 +149,17 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
                  "is not used by --background " + arguments.models.background);
   }
   if (arguments.matting.is_run()) {
-    refuse_given(app, {"--matting-mean", "--matting-deviation"},
-                 "is of ONNX files; " + arguments.matting.network.string() + " is a trained run, which needs none");
+    refuse_given(
+        app, {"--matting-mean", "--matting-deviation"},
+        "applies only to ONNX files; " + arguments.matting.network.string() + " is a trained run, which needs none");
   }
   if (!arguments.one_object && arguments.image_views < 2)
-    refuse_given(app, {"--view-rule"}, "is for several views: --one-object, or --image-views of a --dataset");
+    refuse_given(app, {"--view-rule"}, "applies only to several views: --one-object, or --image-views of a --dataset");
   if (!arguments.dataset.empty()) refuse_given(app, {"--normal-map"}, "--dataset brings its own maps of normals");
   if (arguments.normals != "auto" && arguments.normals != "file")
     refuse_given(app, {"--normal-map"}, "is not used by --normals " + arguments.normals);
-  if (arguments.normals != "estimator") refuse_given(app, {"--normal-weights"}, "are of --normals estimator");
+  if (arguments.normals != "estimator")
+    refuse_given(app, {"--normal-weights"}, "applies only with --normals estimator");
   if (app.get_option("--ss-flow")->count() > 0 && app.get_option("--slat-flow")->count() > 0)
     refuse_given(app, {"--runs"}, "has nothing to add: --ss-flow and --slat-flow name both runs");
   if (arguments.sampling.structure_guidance == 1.0)
@@ -189,9 +191,9 @@ int main(int argc, char** argv) {
   add_sampling_options(program.app, arguments);
   add_finishing_options(program.app, arguments);
   program.add_common({"--keep-going", "--seed [42]", "--threads", "--device", "--json"}, library_versions());
-  return program.run(argc, argv, [&] {
+  program.check = [&] {
     refuse_other_formats(arguments.output);
     refuse_ignored(program.app, arguments);
-    torch_half("generation").generate(arguments, program.common);
-  });
+  };
+  return program.run(argc, argv, [&] { torch_half("generation").generate(arguments, program.common); });
 }

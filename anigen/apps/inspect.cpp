@@ -174,11 +174,11 @@ int main(int argc, char** argv) {
       run_lint(options, program.common);
       return;
     }
-    refuse_given(app, {"--lint-level"}, "is of --lint");
+    refuse_given(app, {"--lint-level"}, "applies only with --lint");
     sort_outputs(options);
-    if (options.exported.empty()) refuse_given(app, {"--axes"}, "is of the contents in --output");
+    if (options.exported.empty()) refuse_given(app, {"--axes"}, "applies only to the contents in --output");
     if (options.exported.empty() && !options.influence_loss)
-      refuse_given(app, {"--influences"}, "is of the contents in --output, and of --influence-loss");
+      refuse_given(app, {"--influences"}, "applies only to the contents in --output, and to --influence-loss");
     run(options, program.common);
   });
 }

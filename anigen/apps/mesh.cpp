@@ -351,7 +351,7 @@ int main(int argc, char** argv) {
       check_files(arguments, common);
       return;
     }
-    refuse_given(program.app, {"--keep-going"}, "is of check, which takes several files");
+    refuse_given(program.app, {"--keep-going"}, "applies only to check, which takes several files");
     if (repair.parsed()) {
       const auto carry = [&](const Asset& asset, mesh_health::MeshResult& result) {
         mesh_health::Repaired surface;

@@ -51,7 +51,6 @@ void add_table_options(CLI::App& app, Arguments& a) {
   CLI::Option* unit = add_option(app, "--split-by", a.split_by)->check(one_of({"asset", "skeleton"}));
   CLI::Option* creatures = add_option(app, "--procedural-test", split.procedural_test)->check(whole_number(0));
   add_option(app, "--test-split", a.test_split)
-      ->check(CLI::Validator(CLI::ExistingFile).description(""))
       ->excludes(fraction)
       ->excludes(count)
       ->excludes(creatures)
@@ -108,7 +107,7 @@ void add_run_options(CLI::App& app, Arguments& a) {
 /// Options of what is not made, which would be ignored. @param plan of the request
 void refuse_ignored(const CLI::App& app, const Arguments& a, const prepare::StepPlan& plan) {
   if (a.stream == 0) {
-    refuse_given(app, {"--shards", "--stop-after", "--encode-ss", "--encode-slat"}, "is of --stream");
+    refuse_given(app, {"--shards", "--stop-after", "--encode-ss", "--encode-slat"}, "applies only with --stream");
   } else {
     refuse_given(app, {"--input", "--procedural", "--shard", "--strict"}, "does not go with --stream");
     refuse_given(app, {"--test-fraction", "--test-count", "--split-by", "--procedural-test", "--test-split"},
@@ -123,26 +122,26 @@ void refuse_ignored(const CLI::App& app, const Arguments& a, const prepare::Step
   // A number of 0 says that none are wanted, as a variant of an experiment does that keeps the other options.
   const bool no_views = !views && app.get_option("--views")->count() == 0;
   const bool no_condition_views = !condition_views && app.get_option("--cond-views")->count() == 0;
-  if (no_views) refuse_given(app, {"--view-size"}, "is of the pictures of --views, and none are made");
+  if (no_views) refuse_given(app, {"--view-size"}, "has no effect: no images of --views are made");
   if (no_condition_views) {
-    refuse_given(app, {"--cond-view-size", "--cond-cameras"}, "is of the pictures of --cond-views, and none are made");
+    refuse_given(app, {"--cond-view-size", "--cond-cameras"}, "has no effect: no images of --cond-views are made");
   }
   if (no_views && no_condition_views) {
     refuse_given(app, {"--view-samples", "--view-geometry"},
-                 "is of the pictures of --views and --cond-views, and none are made");
+                 "has no effect: no images of --views or --cond-views are made");
   }
   if (!features && !plan.features.model.empty()) refuse_given(app, {"--features"}, "--only leaves features out");
   if (!features || plan.features.model == "surface") {
-    refuse_given(app, {"--feature-weights", "--device"}, "is of the network of --features dinov2_…, and none is used");
+    refuse_given(app, {"--feature-weights", "--device"}, "applies only to the network of --features dinov2_…");
   }
   if (!plan.wants("voxels") && !features)
-    refuse_given(app, {"--voxel-resolution"}, "is of voxels, and --only leaves them out");
+    refuse_given(app, {"--voxel-resolution"}, "applies to voxels, and --only leaves them out");
   if (plan.variants == 0 && app.get_option("--augment")->count() == 0) {
     refuse_given(app, {"--random-poses", "--key-frames", "--pose-probability", "--pose-angle", "--pose-scale"},
-                 "is of the variants of --augment, and none are made");
+                 "has no effect without --augment");
   }
   if (plan.poses.key_frames)
-    refuse_given(app, {"--pose-probability", "--pose-angle"}, "is of random poses, and --key-frames makes none");
+    refuse_given(app, {"--pose-probability", "--pose-angle"}, "applies to random poses, and --key-frames makes none");
   if (!plan.steps.empty()) refuse_given(app, {"--no-assets"}, "--only says already what is made");
 }
 
@@ -243,18 +242,26 @@ int main(int argc, char** argv) {
   add_run_options(app, arguments);
   const std::size_t own_options = app.get_options().size();
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
+  prepare::PrepareOptions request;
+  program.check = [&] {
+    for (std::size_t i = 0; i < own_options && merge.parsed(); ++i)
+      refuse_given(app, {app.get_options()[i]->get_name()}, "has no meaning for merge, which takes --dataset alone");
+    for (std::size_t i = 0; i < own_options && exporting.parsed(); ++i)
+      refuse_given(app, {app.get_options()[i]->get_name()}, "has no meaning for export, whose options follow it");
+    if (merge.parsed()) return refuse_given(app, {"--keep-going", "--seed", "--device"}, "has no meaning for merge");
+    if (exporting.parsed()) return refuse_given(app, {"--seed", "--device"}, "has no meaning for export");
+    if (arguments.request.out.empty()) throw InputError("", "--output", "name the folder to write the dataset to");
+    arguments.dataset.seed = program.common.seed.value_or(arguments.dataset.seed);
+    arguments.dataset.front_cameras = arguments.condition_cameras == "front";
+    request = engine::dataset_request(arguments.dataset, arguments.request);
+    refuse_ignored(app, arguments, request.plan);
+  };
   return program.run(argc, argv, [&] {
     if (merge.parsed()) {
-      for (std::size_t i = 0; i < own_options; ++i)
-        refuse_given(app, {app.get_options()[i]->get_name()}, "has no meaning for merge, which takes --dataset alone");
-      refuse_given(app, {"--keep-going", "--seed", "--device"}, "has no meaning for merge");
       const prepare::PrepareSummary summary = prepare::merge_dataset(merged);
       return print_result(to_json(summary), to_text(summary), program.common);
     }
     if (exporting.parsed()) {
-      for (std::size_t i = 0; i < own_options; ++i)
-        refuse_given(app, {app.get_options()[i]->get_name()}, "has no meaning for export, whose options follow it");
-      refuse_given(app, {"--seed", "--device"}, "has no meaning for export");
       exported.splits = {exported_splits.begin(), exported_splits.end()};
       exported.keep_going = program.common.keep_going;
       const prepare::ExportSummary summary = prepare::export_shard(exported);
@@ -262,11 +269,6 @@ int main(int argc, char** argv) {
                           std::to_string(summary.written) + " rigs were written into " + exported.out.string() + "\n",
                           program.common);
     }
-    if (arguments.request.out.empty()) throw InputError("", "--output", "which folder shall hold the dataset?");
-    arguments.dataset.seed = program.common.seed.value_or(arguments.dataset.seed);
-    arguments.dataset.front_cameras = arguments.condition_cameras == "front";
-    prepare::PrepareOptions request = engine::dataset_request(arguments.dataset, arguments.request);
-    refuse_ignored(app, arguments, request.plan);
     complete(arguments, program.common, request);
     if (arguments.stream > 0) {
       const std::uint64_t made = prepare::stream_dataset(stream_options(arguments, program.common, request));

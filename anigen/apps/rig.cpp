@@ -1,5 +1,6 @@
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "anigen/apps/common/command_line.h"
@@ -16,14 +17,16 @@ namespace {
 
 using namespace anigen;
 
-/// Lets trained models do what there are models for.
-void use_models(RigArguments& options, const CommonOptions& common) {
-  const bool named = !(options.joint_model + options.connectivity_model + options.skin_model).empty();
-  if (!named && options.rig.method != kAnigen)
-    throw InputError("", "--joint-model", "name a trained model: this one, --connectivity-model or --skin-model");
-  if (!options.skin_model.empty() && !options.rig.skin.empty())
-    throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
-  options.request.learned = torch_half("trained models").learned_steps(options, common);
+/// @throws InputError naming the option of a trained model that is not there
+void require_models(const RigArguments& options) {
+  const std::pair<const char*, const std::string&> models[] = {{"--joint-model", options.joint_model},
+                                                               {"--connectivity-model", options.connectivity_model},
+                                                               {"--skin-model", options.skin_model},
+                                                               {"--skin-run", options.skin_run}};
+  for (const auto& [option, path] : models) {
+    if (!path.empty() && !std::filesystem::exists(path))
+      throw InputError(path, option, "there is no such file or folder");
+  }
 }
 
 /// The extension of a file says its format already. @throws InputError where --format says another
@@ -48,14 +51,9 @@ engine::RigOptions classical_options(const RigArguments& options, bool learned) 
 void rig_files(RigArguments& options, const CommonOptions& common) {
   const std::string& method = options.rig.method;
   const bool learned = method == kAnigen || method == kAnymate || method == kRignet;
-  if (!learned && !(options.joint_model + options.connectivity_model + options.skin_model).empty())
-    throw InputError("", "--method",
-                     "only anymate and rignet use --joint-model, --connectivity-model and --skin-model");
   rigging::RigRequest& request = options.request;
+  request.engine.humanoid = io::has_extension(request.out, {".vrm"});
   request = engine::rig_request(classical_options(options, learned), request);
-  if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
-  if (request.method.joints == rigging::JointSource::kTemplate && request.joints.collection.empty())
-    throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
   request.meshes = options.mesh;
   if (!options.format.empty()) {
     request.format = options.format;
@@ -63,7 +61,6 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
   }
   request.graft = !options.no_graft;
   request.axes = io::parse_axes(options.mesh_up);
-  request.engine.humanoid = io::has_extension(request.out, {".vrm"});
   request.also_read = {options.joint_model, options.connectivity_model, options.skin_model, options.skin_run};
   if (options.preview) {
     request.also_writes = ".png";
@@ -71,20 +68,12 @@ void rig_files(RigArguments& options, const CommonOptions& common) {
       io::write_png(file.replace_extension(".png"), eval::asset_picture(asset));
     };
   }
-  if (learned) use_models(options, common);
+  if (learned) request.learned = torch_half("trained models").learned_steps(options, common);
   if (options.rig.skin == kLearnedSkin)
     request.learned.bind = torch_half("--skin learned").learned_skin(options, common).bind;
   const rigging::RigReports reports = rigging::rig_meshes(request);
   print_result(to_json(reports), to_text(reports), common);
   require_inputs(reports.meshes, "meshes gave no rig", common);
-}
-
-void retrieve(const RigArguments& options, const CommonOptions& common) {
-  if (options.request.joints.collection.empty())
-    throw InputError("", "--dataset", "retrieval answers with an asset of a data set; name one");
-  if (options.image.empty() == options.image_splits.empty())
-    throw InputError("", "--image", "retrieval answers images: name one, a folder of them, or --image-split");
-  torch_half("retrieval").retrieve(options, common);
 }
 
 void add_mesh_options(CLI::App& app, RigArguments& options) {
@@ -122,13 +111,11 @@ void add_engine_options(CLI::App& app, RigArguments& options) {
 }
 
 void add_model_options(CLI::App& app, RigArguments& options) {
-  add_option(app, "--joint-model", options.joint_model)->check(CLI::Validator(CLI::ExistingPath).description(""));
-  add_option(app, "--connectivity-model", options.connectivity_model)
-      ->check(CLI::Validator(CLI::ExistingPath).description(""));
-  add_option(app, "--skin-model", options.skin_model)->check(CLI::Validator(CLI::ExistingPath).description(""));
+  add_option(app, "--joint-model", options.joint_model);
+  add_option(app, "--connectivity-model", options.connectivity_model);
+  add_option(app, "--skin-model", options.skin_model);
   add_option(app, "--skin-run", options.skin_run,
-             ", for --skin learned [skin_correction of the weights that are found]")
-      ->check(CLI::Validator(CLI::ExistingPath).description(""));
+             ", for --skin learned [skin_correction of the weights that are found]");
   add_option(app, "--points", options.points)->check(whole_number(1, 10'000'000))->default_str("");
   add_option(app, "--joint-distance", options.joint_distance)
       ->check(number(0, 2, RangeEnds::kOpenBelow))
@@ -167,7 +154,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                        "--joints",     "--symmetric",    "--add-joints",  "--one-body",
                        "--rigid-parts"},
                  whose + ", which answers images");
-    if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "is of the assets of --image-split");
+    if (options.image_splits.empty()) refuse_given(app, {"--limit"}, "applies only to the assets of --image-split");
     if (options.retrieval_encoder.empty()) {
       refuse_given(app, {"--device"}, whose + " without --retrieval-encoder");
     } else {
@@ -178,27 +165,30 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
   refuse_given(app,
                {"--image", "--image-split", "--image-dataset", "--limit", "--retrieval-views", "--retrieval-encoder",
                 "--background", "--condition"},
-               whose + "; it is for retrieval");
+               whose + "; it applies to retrieval");
   const bool is_vrm = io::has_extension(options.request.out, {".vrm"});
   if (is_vrm && options.rig.skin == "none")
     throw InputError("", "--output", "a .vrm needs weights, and --skin none writes the skeleton alone");
-  if (!is_vrm) refuse_given(app, {"--author", "--copyright"}, "is of a .vrm, and --output is another file");
+  if (!is_vrm) refuse_given(app, {"--author", "--copyright"}, "applies only to a .vrm, and --output is another file");
   const bool fields = method == kAnigen;
   const bool trained = method == kAnymate || method == kRignet;
-  if (!trained) refuse_given(app, {"--connectivity-model", "--skin-model"}, whose + "; it is for anymate and rignet");
+  if (!trained)
+    refuse_given(app, {"--connectivity-model", "--skin-model"}, whose + "; it applies to anymate and rignet");
   if (!trained && !fields) {
-    refuse_given(app, {"--joint-model"}, whose + "; it is for anigen, anymate and rignet");
+    refuse_given(app, {"--joint-model"}, whose + "; it applies to anigen, anymate and rignet");
     refuse_given(app, {"--seed"}, whose + ", which draws nothing at random");
     refuse_given(app, {"--device"}, whose + ", which computes on the CPU");
   }
-  if (method != kAnymate) refuse_given(app, {"--points", "--joint-distance"}, whose + "; it is for anymate");
+  if (method != kAnymate) refuse_given(app, {"--points", "--joint-distance"}, whose + "; it applies to anymate");
   if (options.joint_model.empty()) refuse_given(app, {"--joint-distance"}, "merges the joints of --joint-model");
-  if (method != "template") refuse_given(app, {"--dataset", "--split"}, whose + "; it is for template and retrieval");
+  if (method != "template")
+    refuse_given(app, {"--dataset", "--split"}, whose + "; it applies to template and retrieval");
   const bool automatic = method == "auto";
-  if (method != "curve" && !automatic) refuse_given(app, {"--curve-joints"}, whose + "; it is for curve and auto");
-  if (method != "pinocchio" && !automatic) refuse_given(app, {"--template"}, whose + "; it is for pinocchio and auto");
-  if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it is for auto");
-  if (!automatic && !fields) refuse_given(app, {"--one-body"}, whose + "; it is for auto and anigen");
+  if (method != "curve" && !automatic) refuse_given(app, {"--curve-joints"}, whose + "; it applies to curve and auto");
+  if (method != "pinocchio" && !automatic)
+    refuse_given(app, {"--template"}, whose + "; it applies to pinocchio and auto");
+  if (!automatic) refuse_given(app, {"--new-skeleton"}, whose + "; it applies to auto");
+  if (!automatic && !fields) refuse_given(app, {"--one-body"}, whose + "; it applies to auto and anigen");
   if (!automatic && method != "nearest" && method != "geovoxel" && method != "heat")
     refuse_given(app, {"--add-joints"}, whose + ", which makes the skeleton itself");
   if (!options.rig.keep_skeleton)
@@ -215,7 +205,7 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
     refuse_given(app, {"--template"}, "--skeleton is the template already");
   }
   if (!options.skin_model.empty()) {
-    refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and --skin-model binds");
+    refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "applies to geovoxel, and --skin-model binds");
     return;
   }
   std::string binding = options.rig.skin;
@@ -225,18 +215,35 @@ void refuse_ignored(const CLI::App& app, const RigArguments& options) {
                                                                                  : "geovoxel";
   }
   if (binding != "geovoxel")
-    refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "is for geovoxel, and the binding is " + binding);
+    refuse_given(app, {"--geovoxel-resolution", "--falloff"}, "applies to geovoxel, and the binding is " + binding);
   if (binding == "none" || binding == "nearest")
     refuse_given(app, {"--influences"}, "has no effect where the binding is " + binding);
+}
+
+void require_inputs_of_retrieval(const RigArguments& options) {
+  if (options.request.joints.collection.empty())
+    throw InputError("", "--dataset", "retrieval answers with an asset of a dataset; name one");
+  if (options.image.empty() == options.image_splits.empty())
+    throw InputError("", "--image", "retrieval answers images: name one, a folder of them, or --image-split");
+}
+
+void require_inputs_of_rigging(const RigArguments& options) {
+  const std::string& method = options.rig.method;
+  if (options.mesh.empty()) throw InputError("", "--mesh", "name the mesh to rig, or a folder of them");
+  if (method == "template" && options.request.joints.collection.empty())
+    throw InputError("", "--dataset", "the template is the middle skeleton of a collection; name one");
+  if (method != kAnymate && method != kRignet) return;
+  if ((options.joint_model + options.connectivity_model + options.skin_model).empty())
+    throw InputError("", "--joint-model", "name a trained model: this one, --connectivity-model or --skin-model");
+  if (!options.skin_model.empty() && !options.rig.skin.empty())
+    throw InputError("", "--skin", "--skin-model binds already; leave out one of the two");
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   Program program(
-      "anigen-rig",
-      "Rigs meshes by methods that learned nothing, by our flows, or by models of Anymate or RigNet, to use or to "
-      "compare with.",
+      "anigen-rig", "Rigs meshes by classical methods, by our flows, or by models of Anymate or RigNet.",
       "  anigen-rig statue.glb -o rigged.glb --preview\n"
       "  anigen-rig statue.glb -o rigged.fbx\n"
       "  anigen-rig cat.glb --method anigen -o rigged.glb\n"
@@ -273,8 +280,13 @@ int main(int argc, char** argv) {
              ": folder; for one mesh the file: .glb, .gltf, .fbx, .usdz, .usda or, of a humanoid, .vrm")
       ->required();
   program.add_common({"--keep-going", "--seed [0]", "--threads", "--device", "--json"}, library_versions());
-  return program.run(argc, argv, [&] {
+  program.check = [&] {
     refuse_ignored(app, options);
-    options.rig.method == "retrieval" ? retrieve(options, program.common) : rig_files(options, program.common);
+    options.rig.method == "retrieval" ? require_inputs_of_retrieval(options) : require_inputs_of_rigging(options);
+  };
+  return program.run(argc, argv, [&] {
+    require_models(options);
+    options.rig.method == "retrieval" ? torch_half("retrieval").retrieve(options, program.common)
+                                      : rig_files(options, program.common);
   });
 }

@@ -41,11 +41,15 @@ int main(int argc, char** argv) {
   add_option(app, "--communication", arguments.communication);
   program.add_common({"--seed [the config's]", "--threads", "--device"}, library_versions());
   int status_of_ranks = 0;
-  const int status = program.run(argc, argv, [&] {
+  program.check = [&] {
     if (arguments.output.empty() && !arguments.schema && !arguments.print_config)
-      throw InputError("", "--output", "which run folder?");
+      throw InputError("", "--output", "name the run folder");
     if (arguments.ranks == 1)
       refuse_given(app, {"--rank-restarts"}, "starts the processes of --ranks again, of which it needs two or more");
+    if (program.only_checks() && !arguments.config.empty())
+      torch_half("the check of a config").check_config(arguments, program.common);
+  };
+  const int status = program.run(argc, argv, [&] {
     arguments.words = program.words;
     arguments.ranks_given = ranks->count() > 0;
     for (const char* name : {"--rank-timeout", "--communication"}) {

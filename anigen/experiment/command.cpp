@@ -1,14 +1,18 @@
 #include "anigen/experiment/command.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <set>
 #include <system_error>
+#include <thread>
 
 #include "anigen/core/error.h"
 #include "anigen/core/files.h"
 #include "anigen/core/log.h"
+#include "anigen/core/private_folder.h"
 #include "anigen/core/process.h"
 #include "anigen/core/table.h"
 #include "anigen/core/text.h"
@@ -227,6 +231,37 @@ std::string script(const StepArray& array, const std::string& name, const std::v
 
 fs::path own_program() { return fs::read_symlink("/proc/self/exe"); }
 
+/// Asks every program whether it takes the options of its jobs. Without that a wrong word of the last step shows when
+/// all others are done. @throws InputError naming the step
+void check_commands(const Experiment& experiment, const fs::path& out, const Plan& plan) {
+  std::set<std::size_t> to_do;
+  for (const PlannedRun& run : plan.runs) {
+    if (run.seed != experiment.seeds.front()) continue;  // the options of others differ in that number alone
+    for (const auto& [step, index] : run.jobs)
+      if (!is_done(out, plan.jobs[index])) to_do.insert(index);
+  }
+  const PrivateFolder said;
+  Progress progress("checking options", to_do.size(), "jobs");
+  for (const std::size_t index : to_do) {
+    progress.advance();
+    const Job& job = plan.jobs[index];
+    ChildProgram program;
+    program.words = job.command;
+    program.words.emplace_back("--check-options");
+    program.log = said / job.id;
+    ChildProcess child(program);
+    std::optional<ChildProcess::End> end;
+    for (constexpr std::chrono::milliseconds kPause{2}; !(end = child.poll()); std::this_thread::sleep_for(kPause))
+      throw_if_interrupted();
+    if (end->status == 0) continue;
+    const std::string line = last_line(program.log, 300);
+    throw InputError(experiment.file.string(), "/steps/" + job.step,
+                     "for " + job.serves.front() + ": " + job.program + " says " +
+                         (line.empty() ? "nothing and ends with status " + std::to_string(end->status) : line) +
+                         "\n  " + shell_line(job.command));
+  }
+}
+
 std::string counted(std::size_t n, const std::string& what) { return std::to_string(n) + " " + what; }
 
 std::string run(const ExperimentCommand& command, const Experiment& experiment, const Plan& plan, bool json) {
@@ -332,6 +367,18 @@ void collect_claims(const ExperimentCommand& command, CollectedClaims& collected
   collected.claims = judge_claims(experiment, plan, command.place.out);
 }
 
+/// An experiment of which a program refuses an option fails in its turn, which may be days away.
+void warn_of_refused_commands(const ExperimentCommand& command, const Collection& collection) {
+  for (const fs::path& file : collection.files) {
+    try {
+      const Experiment experiment = read_experiment(file, command.overrides, command.scale);
+      check_commands(experiment, command.place.out, make_plan(experiment, command.place));
+    } catch (const InputError& error) {
+      log::warn("{} will fail: {}", file.stem().string(), error.what());
+    }
+  }
+}
+
 std::string run_collection(const ExperimentCommand& command, const Collection& collection, bool json) {
   if (command.slurm || !command.only.empty())
     throw InputError(command.file.string(), command.slurm ? "--emit" : "--only",
@@ -343,6 +390,7 @@ std::string run_collection(const ExperimentCommand& command, const Collection& c
   std::vector<CollectedClaims> all;
   std::size_t failed = 0;
   Json list = Json::array();
+  if (command.what == What::kRun && !command.dry_run) warn_of_refused_commands(command, collection);
   for (const fs::path& file : collection.files) {
     ExperimentCommand one = command;
     one.file = file;
@@ -391,6 +439,8 @@ std::string run_experiment_command(ExperimentCommand command, bool json) {
   const Experiment experiment = read_experiment(command.file, command.overrides, command.scale);
   Plan plan = make_plan(experiment, place);
   if (command.accept_other_code) accept_other_code(place.out, plan);
+  if (command.what == ExperimentCommand::What::kRun && command.only.empty())
+    check_commands(experiment, place.out, plan);
   switch (command.what) {
     case ExperimentCommand::What::kReport:
       return write_report(experiment, plan, place).string() + "\n";

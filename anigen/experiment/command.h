@@ -48,7 +48,8 @@ struct ExperimentCommand {
   bool together = false;  ///< other processes may run the same job, see RunOptions
 };
 
-/// Does what it is told. Of a collection it does so for every experiment: they share their jobs, and have reports in
+/// Does what it is told. Before the first job runs, every program is asked whether it takes the options of its jobs. Of
+/// a collection it does so for every experiment: they share their jobs, and have reports in
 /// folders of their own below `out`. It goes on where one fails, and writes write_verdicts() after a run and for a
 /// report. @return for people, or as JSON @throws Error when a job failed; what the parts throw
 std::string run_experiment_command(ExperimentCommand command, bool json);

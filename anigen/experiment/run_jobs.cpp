@@ -77,20 +77,6 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto kPollEvery = std::chrono::milliseconds(100);
 
-/// The last line of a log that says something, at most so many characters; progress bars count as lines.
-std::string last_line(const fs::path& log, std::size_t most = 100) {
-  std::ifstream stream(log, std::ios::binary | std::ios::ate);
-  if (!stream) return "";
-  constexpr std::streamoff kTail = 4096;
-  const std::streamoff size = stream.tellg();
-  stream.seekg(std::max<std::streamoff>(0, size - kTail));
-  std::string text((std::istreambuf_iterator<char>(stream)), {});
-  while (!text.empty() && (text.back() == '\n' || text.back() == '\r' || text.back() == ' ')) text.pop_back();
-  const std::size_t line = text.find_last_of("\r\n");
-  if (line != std::string::npos) text.erase(0, line + 1);
-  return text.size() <= most ? text : text.substr(0, most - 3) + "...";
-}
-
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 /// Jobs of the plan on their way from waiting to done.
@@ -243,7 +229,7 @@ class JobRunner {
 
   void tell(const Running& running) const {
     log::info("  {} {}: {}", plan_.jobs[running.job].id, duration_text(seconds_since(running.started)),
-              last_line(running.log));
+              last_line(running.log, 100));
   }
 
   void collect() {
@@ -400,6 +386,19 @@ std::optional<JobRecord> read_record(const fs::path& out, const std::string& id)
 
 void write_record(const fs::path& out, const std::string& id, const JobRecord& record) {
   write_config(record_file(out, id), record.to_json());
+}
+
+std::string last_line(const fs::path& log, std::size_t most) {
+  std::ifstream stream(log, std::ios::binary | std::ios::ate);
+  if (!stream) return "";
+  constexpr std::streamoff kTail = 4096;
+  const std::streamoff size = stream.tellg();
+  stream.seekg(std::max<std::streamoff>(0, size - kTail));
+  std::string text((std::istreambuf_iterator<char>(stream)), {});
+  while (!text.empty() && (text.back() == '\n' || text.back() == '\r' || text.back() == ' ')) text.pop_back();
+  const std::size_t line = text.find_last_of("\r\n");
+  if (line != std::string::npos) text.erase(0, line + 1);
+  return text.size() <= most ? text : text.substr(0, most - 3) + "...";
 }
 
 bool is_done(const fs::path& out, const Job& job) {

@@ -70,6 +70,10 @@ std::vector<std::string> recorded_jobs(const std::filesystem::path& out);
 std::optional<JobRecord> read_record(const std::filesystem::path& out, const std::string& id);
 void write_record(const std::filesystem::path& out, const std::string& id, const JobRecord& record);
 
+/// The last line of a log that says something, at most so many characters; progress bars count as lines. Empty without
+/// such a file.
+std::string last_line(const std::filesystem::path& log, std::size_t most);
+
 /// Done, with its results still there.
 bool is_done(const std::filesystem::path& out, const Job& job);
 

@@ -127,6 +127,13 @@ struct TrainingConfig {
   TrainerOptions options = TrainerOptions::read(args);
 
   std::unique_ptr<Stage> stage() { return make_stage(name, {config, file, args, options, device}); }
+  // Refuses keys that stand beside models, dataset and trainer, or beside name and args of the trainer.
+  void finish() {
+    top.raw("models");
+    top.raw("dataset");
+    top.finish();
+    trainer.finish();
+  }
 };
 
 // Makes a run longer: it goes on from its newest checkpoint of the steps in which both lengths have one learning rate.
@@ -255,11 +262,14 @@ Json describe_config(const TrainCommand& command, ConfigView view) {
   // Stages read all their arguments, then stop at a dataset that is not there, before they build their models.
   if (read.is_object()) read["dataset"]["args"]["data_dir"] = "/no/dataset";
   ConfigRecord record;
+  TrainingConfig given{read, file, torch::kCPU};
+  given.finish();
   try {
-    TrainingConfig{read, file, torch::kCPU}.stage();
+    given.stage();
   } catch (const InputError& problem) {
     if (problem.file() == file) throw;
   }
+  given.args.finish();
   return view == ConfigView::kSchema ? record.schema() : record.completed(config);
 }
 
@@ -276,10 +286,7 @@ void train(const TrainCommand& command) {
   const torch::Device device =
       nn::parse_device(numbered ? "cuda:" + std::to_string(command.environment.local_rank) : command.device);
   TrainingConfig given{config, file, device};
-  given.top.raw("models");
-  given.top.raw("dataset");
-  given.top.finish();
-  given.trainer.finish();
+  given.finish();
 
   const std::shared_ptr<Communicator> ranks = join_ranks(command.environment, command.ranks);
   if (several) {

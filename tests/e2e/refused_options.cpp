@@ -78,6 +78,12 @@ class Check {
       expect(outcome.text.find(word) != std::string::npos, command, "no '" + word + "' in what it says", outcome);
   }
 
+  /// Status 0, and nothing said.
+  void accepts(const std::string& command) {
+    const Outcome outcome = run(anigen::test::quoted(folder_) + "/" + command);
+    expect(outcome.status == 0 && outcome.text.empty(), command, "status 0 and no word expected", outcome);
+  }
+
   /// Each option of a program that takes a number has a range, and refuses what lies outside.
   std::size_t number_ranges(const std::string& program) {
     const Outcome help = run(anigen::test::quoted(folder_) + "/" + program + " --help");
@@ -149,7 +155,8 @@ void check_numbers(Check& check, bool torch, bool mesh) {
     check.refuses(std::string("anigen-generate --image a.png --output x --stop-at voxels ") + option,
                   {"--stop-at voxels ends before it"});
   for (const char* option : {"--ss-steps 3", "--condition color", "--normals flat"})
-    check.refuses(std::string("anigen-generate --image a.png --output x --voxels v.npz ") + option, {"is of stage 4"});
+    check.refuses(std::string("anigen-generate --image a.png --output x --voxels v.npz ") + option,
+                  {"applies to stage 4"});
   check.refuses("anigen-generate --image a.png --output x --voxels v.npz --stop-at voxels", {"--voxels"});
   check.refuses("anigen-generate --image a.png --output x --stop-at mesh", {"--stop-at", "voxels"});
   check.refuses("anigen-generate --image a.png --output x --mask m.png --background grabcut", {"--mask says"});
@@ -176,6 +183,30 @@ void check_mesh_program(Check& check) {
   check.refuses("anigen-mesh simplify a.glb -o b.glb", {"--faces", "--reduction"});
   check.refuses("anigen-mesh repair a.glb -o b.fbx", {"b.fbx", ".glb", ".stl"});
   check.refuses("anigen-mesh repair a.glb -o b.glb --keep-going", {"--keep-going", "check"});
+}
+
+/// --check-options says what the program itself would say, ahead of files that are not there yet.
+void check_options_alone(Check& check, bool torch) {
+  check.accepts("anigen-rig --check-options --method anymate --mesh a.glb --joint-model later --output b.glb");
+  check.refuses("anigen-rig --method anymate --mesh a.glb --joint-model later --output b.glb",
+                {"later: --joint-model: there is no such file"});
+  check.refuses("anigen-rig --mesh a.glb --output b.glb --method heat --seed 1 --check-options", {"--seed"});
+  check.accepts("anigen-prepare --procedural 2 --test-split later.txt --output x --check-options");
+  check.refuses("anigen-prepare --check-options --procedural 2 --output x --view-size 64", {"--view-size", "--views"});
+  check.refuses("anigen-prepare --check-options --procedural 2 --procedural 3 --output x", {"--procedural"});
+  check.accepts("anigen-eval --pred later --dataset later --output x --check-options");
+  check.accepts("anigen-animate later.glb --motion walk --output x.glb --check-options");
+  check.refuses("anigen-animate later.glb --check-options", {"--output"});
+  if (!torch) return;
+  check.accepts("anigen-generate --image later.png --output x --check-options");
+  check.accepts("anigen-encode ss --run later --dataset later --check-options");
+  check.refuses("anigen-encode grouping --dataset later --split later.txt --check-options", {"--run"});
+  const std::string config = (anigen::test::source_dir() / "configs/tiny/skin_ae.json").string();
+  const std::string train =
+      "anigen-train --dataset later --output x --check-options --config " + anigen::test::quoted(config) + " ";
+  check.accepts(train);
+  check.refuses(train + "--set trainer.args.no_such_key=1", {"skin_ae.json", "no_such_key"});
+  check.refuses("anigen-train --output x --check-options --config later.json", {"later.json"});
 }
 
 void check_ignored(Check& check, bool torch) {
@@ -360,6 +391,7 @@ int main(int argc, char** argv) {
     require(::chdir(folder.path().c_str()) == 0, "cannot enter " + folder.path().string());
     Check check(argv[1]);
     check_numbers(check, torch, mesh);
+    check_options_alone(check, torch);
     check_ignored(check, torch);
     if (mesh) check_mesh_program(check);
     std::printf("%zu of %zu checks failed\n", check.failed(), check.checked());

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "anigen/experiment/run_jobs.h"
+#include "tests/experiment/experiment_folder.h"
 #include "tests/support/paths.h"
 
 namespace anigen::experiment {
@@ -34,6 +35,32 @@ TEST(Estimates, AreTheAuthorsCorrectedByWhatEarlierJobsTook) {
   write_record(folder.path(), "fit-0000000002", done(60, 0));  // of a file that states nothing
   EXPECT_EQ(Estimates(folder.path()).seconds(job(2)), 240);
   EXPECT_EQ(Estimates(folder.path()).seconds(job(0)), 150);
+}
+
+class ExperimentCommands : public ExperimentFolder {};
+
+TEST_F(ExperimentCommands, AnOptionThatIsRefusedShowsBeforeTheFirstJobRuns) {
+  write("experiment.json", kTwoVariants);
+  write("refuse", "--pred");
+  ExperimentCommand command;
+  command.file = folder_ / "experiment.json";
+  command.place = place_;
+  for (const bool dry_run : {true, false}) {
+    command.dry_run = dry_run;
+    const std::string said = error_of([&] { run_experiment_command(command, false); });
+    EXPECT_NE(said.find("experiment.json: /steps/score: for plain, seed 0: anigen-eval says error: --pred: no such"),
+              std::string::npos)
+        << said;
+    EXPECT_NE(said.find("--pred ours="), std::string::npos) << "the command itself: " << said;
+  }
+  EXPECT_EQ(calls("anigen-prepare"), 0U);
+  command.what = ExperimentCommand::What::kStatus;
+  EXPECT_EQ(error_of([&] { run_experiment_command(command, false); }), "no error") << "a status asks no program";
+
+  std::filesystem::remove(folder_ / "refuse");
+  command.what = ExperimentCommand::What::kRun;
+  run_experiment_command(command, false);
+  EXPECT_EQ(calls("anigen-eval"), 4U);
 }
 
 }  // namespace

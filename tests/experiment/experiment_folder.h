@@ -75,10 +75,16 @@ class ExperimentFolder : public ::testing::Test {
   Workplace place_;
 
  private:
-  // Writes into what follows --output; a file "fail" or "wait" beside the programs says how it ends.
+  // Writes into what follows --output; a file "fail" or "wait" beside the programs says how it ends, and one called
+  // "refuse" has the option that no program takes.
   static constexpr const char kScript[] = R"sh(#!/bin/bash
 trap 'echo saved; exit 130' TERM
 root=$(dirname "$(dirname "$0")")
+case " $* " in *" --check-options "*)
+  [ -e "$root/refuse" ] || exit 0
+  case " $* " in *" $(cat "$root/refuse") "*) echo "error: $(cat "$root/refuse"): no such option"; exit 2 ;; esac
+  exit 0 ;;
+esac
 echo "$(basename "$0") $*" >> "$root/calls.txt"
 out= previous=
 for word in "$@"; do

@@ -91,6 +91,7 @@ void Program::add_common(const std::vector<std::string>& names, std::function<st
   CLI::Option* quiet = add_option(app, "--quiet", common.quiet);
   CLI::Option* verbose = add_option(app, "--verbose", common.verbose)->excludes(quiet);
   add_option(app, "--log-level", common.log_level)->excludes(verbose);
+  add_option(app, "--check-options", check_options_);
   add_option(app, "--completion", completion_);
   add_option(app, "--man", man_);
   const OptionRow version = option_row("--version");
@@ -143,7 +144,8 @@ int Program::run(int argc, char** argv, const std::function<void()>& body) {
     Progress::set_quiet(common.quiet);
     set_thread_count(common.threads);
     install_interrupt_handler();
-    body();
+    if (check) check();
+    if (!check_options_) body();
     return 0;
   } catch (const InputError& error) {
     std::fprintf(stderr, "error: %s\n", error.what());

@@ -134,21 +134,25 @@ struct Program {
   /// A subcommand; options of the program may stand after its word.
   CLI::App& command(const std::string& name, const std::string& purpose);
   /// Adds some of --seed --threads --device --json --keep-going, and what every program has: --quiet --verbose
-  /// --log-level --completion --man --version. @param names with a note behind, such as "--seed [0]" @param
-  /// version_details extra lines of --version; may be empty
+  /// --log-level --check-options --completion --man --version. @param names with a note behind, such as "--seed [0]"
+  /// @param version_details extra lines of --version; may be empty
   void add_common(const std::vector<std::string>& names, std::function<std::string()> version_details = {});
-  /// Parses, sets up logging, threads and the interrupt handler, runs body, and turns exceptions into one clear line
-  /// and an exit status: 0, 2 for bad input, 1 for a failed run, 130 after Ctrl-C.
+  /// Parses, sets up logging, threads and the interrupt handler, runs `check` and then body, and turns exceptions into
+  /// one clear line and an exit status: 0, 2 for bad input, 1 for a failed run, 130 after Ctrl-C. With --check-options
+  /// it leaves the body out.
   int run(int argc, char** argv, const std::function<void()>& body);
+  bool only_checks() const { return check_options_; }  ///< --check-options was given
 
   CLI::App app;
   CommonOptions common;
   std::string first;  ///< option whose value may stand without its name (with_named_word()), such as "--image"
+  /// Refuses options that contradict each other. It reads no file that an earlier program would make; may be empty.
+  std::function<void()> check;
   std::vector<std::string> words;  ///< of run(): argv with names of today
 
  private:
   std::string completion_;
-  bool man_ = false;
+  bool man_ = false, check_options_ = false;
 };
 
 /// Words of a command line with `name` before the first that is neither an option nor an option's value, so that

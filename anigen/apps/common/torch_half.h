@@ -57,6 +57,8 @@ struct TorchHalf {
   void (*generate)(const GenerateArguments& arguments, const CommonOptions& common);
   /// @return the exit status of ranks that it has started, else 0
   int (*train)(const TrainArguments& arguments, const CommonOptions& common);
+  /// Reads the config of a training with its changes, and no dataset. @throws InputError
+  void (*check_config)(const TrainArguments& arguments, const CommonOptions& common);
 
   // Parts of programs.
   /// anigen-animate --video.

@@ -404,6 +404,10 @@ train::TrainCommand command_of(const TrainArguments& arguments, const CommonOpti
   return command;
 }
 
+void check_train_config(const TrainArguments& arguments, const CommonOptions& common) {
+  train::describe_config(command_of(arguments, common), train::ConfigView::kFull);
+}
+
 int run_train(const TrainArguments& arguments, const CommonOptions& common) {
   const train::LaunchEnvironment environment = train::read_launch_environment(arguments.rendezvous);
   if (!arguments.ranks_given && environment.launcher.empty() && !arguments.only_of_ranks.empty()) {
@@ -456,6 +460,7 @@ extern "C" __attribute__((visibility("default"))) const TorchHalf* anigen_torch_
       run_encode,
       run_generate,
       run_train,
+      check_train_config,
       animate_from_video,
       retrieve,
       learned_steps,
