@@ -36,7 +36,7 @@ Value interpolate(const Channel& channel, double t) {
   const bool cubic = channel.interpolation == Interpolation::kCubicSpline;
   const std::size_t middle = cubic ? 1 : 0;
   const std::vector<double>& times = channel.times;
-  if (t <= times.front()) return key(channel, 0, width, middle);
+  if (!(t > times.front())) return key(channel, 0, width, middle);
   if (t >= times.back()) return key(channel, times.size() - 1, width, middle);
   const auto after = static_cast<std::size_t>(std::upper_bound(times.begin(), times.end(), t) - times.begin());
   const std::size_t before = after - 1;

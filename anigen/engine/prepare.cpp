@@ -77,7 +77,7 @@ PreparedDataset prepare(const std::vector<fs::path>& inputs, const fs::path& out
   quiet_log();
   const JobScope scope(job);
   throw_if_interrupted();
-  if (out.empty()) throw InputError("", "out", "which folder shall hold the dataset?");
+  if (out.empty()) throw InputError("", "out", "name the folder to write the dataset to");
   const FolderInUse alone(out);
   const anigen::prepare::PrepareSummary summary =
       with_library_words(kPrepareNames, [&] { return made_dataset(inputs, out, options); });

@@ -1,5 +1,7 @@
 #include "anigen/engine/render.h"
 
+#include <cmath>
+
 #include "anigen/core/error.h"
 #include "anigen/core/process.h"
 #include "anigen/engine/module.h"
@@ -35,6 +37,7 @@ Picture render(const Asset& asset, const RenderOptions& options, Job* job) {
   if (options.clip >= 0) {
     if (static_cast<std::size_t>(options.clip) >= asset.animations.size())
       throw InputError("", "clip", "the asset has " + std::to_string(asset.animations.size()) + " clips");
+    if (!std::isfinite(options.time)) throw InputError("", "time", "must be finite");
     const Animation& clip = asset.animations[static_cast<std::size_t>(options.clip)];
     anigen::render::set_pose(picture, asset, sample(clip, asset.skeleton, options.time));
   }

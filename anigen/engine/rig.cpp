@@ -25,12 +25,14 @@ constexpr OptionName kRigNames[] = {
     {"--add-joints", "add_joints"}, {"--bone-axes", "bone_axes"}, {"--names", "names"},
     {"--height", "height"},         {"--output", "to"},           {"--no-graft", "save() of rig()"}};
 
-rigging::RigRequest checked_request(const RigOptions& options) {
-  rigging::RigRequest request = rig_request(options);
+rigging::RigRequest checked_request(const RigOptions& options, rigging::RigRequest further = {}) {
+  rigging::RigRequest request = rig_request(options, std::move(further));
   if (request.method.joints == rigging::JointSource::kTemplate)
     throw NotSupportedError("", "method", "the template of a collection outside anigen-rig");
   if (!request.method.binding) throw InputError("", "skin", "\"none\" gives no weights");
   if (options.rigid_share != 0.0) require_between(options.rigid_share, 0.5, 1.0, "rigid_share");
+  constexpr double kMostJoints = 1000;  // as the program allows
+  require_between(static_cast<double>(options.joints), 0, kMostJoints, "joints");
   if (options.height != 0.0) require_between(options.height, 1e-9, 1e5, "height");
   return request;
 }
@@ -82,10 +84,12 @@ std::string rig_file(const fs::path& from, const fs::path& to, const RigOptions&
   quiet_log();
   const JobScope scope(job);
   return with_library_words(kRigNames, [&] {
-    rigging::RigRequest request = checked_request(options);
-    request.meshes = from;
-    request.out = to;
-    request.engine.humanoid = io::has_extension(to, {".vrm"});
+    if (fs::is_directory(from)) throw InputError(from.string(), "from", "is a folder; rig_file() rigs one file");
+    rigging::RigRequest further;
+    further.meshes = from;
+    further.out = to;
+    further.engine.humanoid = io::has_extension(to, {".vrm"});
+    const rigging::RigRequest request = checked_request(options, std::move(further));
     const rigging::RigReports reports = rigging::rig_meshes(request);
     const rigging::RigReport& report = reports.meshes.at(0);
     if (!report.failure.empty()) throw InputError("", "", report.failure);

@@ -39,7 +39,8 @@ struct Rigged {
   double seconds = 0.0;
 };
 
-/// Rigs a mesh. Materials, images and, where its own joints stay, clips are kept.
+/// Rigs a mesh. Base colours with their images and, where its own joints stay, clips are kept; for all that a glTF
+/// holds beside, see rig_file().
 /// @param mesh its skeleton counts where it has one @param job null: nobody watches
 /// @throws InputError for an unknown word, a mesh without a surface, or where the method finds no joints; Interrupted
 Rigged rig(const Asset& mesh, const RigOptions& options = {}, Job* job = nullptr);

@@ -182,6 +182,7 @@ Json clips_json(const std::vector<Animation>& animations) {
 }  // namespace
 
 std::vector<AnimateReport> animate_files(const AnimateRequest& request) {
+  check_options(request.options);
   AnimateRequest wanted = request;
   if (wanted.motions.empty() && !wanted.t_pose) wanted.motions = {"idle"};
   const std::vector<Job> jobs = jobs_of(wanted);
@@ -214,10 +215,13 @@ std::vector<AnimateReport> animate_files(const AnimateRequest& request) {
 
 std::vector<Animation> clips_of(const Asset& asset, const std::vector<std::string>& motions,
                                 const MotionOptions& options) {
+  check_options(options);
   AnimateRequest request;
   request.motions = motions;
   request.options = options;
-  return make_clips(analyse(asset), asset.skeleton, request, read_given(request)).clips;
+  MadeClips made = make_clips(analyse(asset), asset.skeleton, request, read_given(request));
+  give_own_names(asset.animations, made);
+  return std::move(made.clips);
 }
 
 Json to_json(const std::vector<AnimateReport>& reports) {

@@ -49,8 +49,9 @@ std::vector<AnimateReport> animate_files(const AnimateRequest& request);
 Json to_json(const std::vector<AnimateReport>& reports);
 std::string to_text(const std::vector<AnimateReport>& reports);
 
-/// Clips for an asset in memory, one per motion, words as AnimateRequest::motions. @throws InputError for a motion that
-/// is neither a word nor a file, or that the body cannot do; Interrupted
+/// Clips for an asset in memory, one per motion, words as AnimateRequest::motions; their names differ from those of its
+/// own clips. @throws InputError for a motion that is neither a word nor a file, or that the body cannot do, and for
+/// options out of their ranges; Interrupted
 std::vector<Animation> clips_of(const Asset& asset, const std::vector<std::string>& motions,
                                 const MotionOptions& options);
 

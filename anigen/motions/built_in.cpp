@@ -77,16 +77,6 @@ const std::vector<Recipe>& recipes() {
   return all;
 }
 
-void check_options(const MotionOptions& options) {
-  if (options.frames != 0) require_between(options.frames, 2, 10000, "frames of a motion");
-  const auto check = [](double value, double least, double most, const char* what) {
-    if (!(value >= least && value <= most))
-      throw InputError("", what, "must be from " + std::to_string(least) + " to " + std::to_string(most));
-  };
-  check(options.fps, 1.0, 240.0, "frames per second");
-  check(options.speed, 0.01, 100.0, "speed");
-}
-
 /// Way per second of motions that are no gaits.
 Vector3d velocity_of(const Body& body, const std::string& word, double seconds) {
   const double size = body.figure.size;
@@ -98,6 +88,16 @@ Vector3d velocity_of(const Body& body, const std::string& word, double seconds) 
 }
 
 }  // namespace
+
+void check_options(const MotionOptions& options) {
+  if (options.frames != 0) require_between(options.frames, 2, 10000, "frames of a motion");
+  const auto check = [](double value, double least, double most, const char* what) {
+    if (!(value >= least && value <= most))
+      throw InputError("", what, "must be from " + std::to_string(least) + " to " + std::to_string(most));
+  };
+  check(options.fps, 1.0, 240.0, "frames per second");
+  check(options.speed, 0.01, 100.0, "speed");
+}
 
 const std::vector<BuiltInMotion>& built_in_motions() {
   static const std::vector<BuiltInMotion> all = [] {

@@ -15,6 +15,10 @@ struct MotionOptions {
   bool travel = false;  ///< walk, run, swim, fly and slither go forward; else they stay in place
 };
 
+/// @throws InputError naming an option out of its range: 2 to 10,000 frames, 1 to 240 per second, 0.01 to 100 times as
+/// fast
+void check_options(const MotionOptions& options);
+
 /// Times at which a foot stands.
 struct FootContact {
   int leg = 0;               ///< of Body::limbs

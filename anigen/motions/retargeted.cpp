@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "anigen/core/log.h"
 #include "anigen/core/numeric.h"
 #include "anigen/io/gltf/gltf.h"
 #include "anigen/io/rigs/read_assimp.h"
@@ -243,7 +244,12 @@ SourceClip read_clip(const std::string& file_and_clip, const MotionOptions& opti
     constexpr int kProbe = 64;  // enough to see that something moves
     const metrics::Motion probe = metrics::read_motion(file_and_clip, kProbe).motion;
     const double seconds = probe.frames.back().time - probe.frames.front().time;
-    frames = static_cast<int>(std::clamp(std::lround(seconds * options.fps) + 1, 2L, 10000L));
+    // Keys per second of the clip that is made, which runs `speed` times as fast.
+    const long wanted = std::lround(seconds / options.speed * options.fps) + 1;
+    constexpr long kMost = 10000;
+    if (wanted > kMost)
+      log::warn("{}: {} key frames at {} per second; it gets {}", file_and_clip, wanted, options.fps, kMost);
+    frames = static_cast<int>(std::clamp(wanted, 2L, kMost));
   }
   const metrics::MotionFile read = metrics::read_motion(file_and_clip, frames);
   const std::filesystem::path file = read.described.at("file").get<std::string>();

@@ -10,6 +10,7 @@
 #include "anigen/asset/joint_side.h"
 #include "anigen/core/error.h"
 #include "anigen/core/numeric.h"
+#include "anigen/core/process.h"
 #include "anigen/geometry/bones.h"
 #include "anigen/geometry/nearest_surface.h"
 
@@ -170,6 +171,7 @@ Skeleton with_joint_count(const Skeleton& skeleton, std::size_t count) {
   if (count == 0) throw InputError("", "joints", "a skeleton has one joint at least");
   Joints joints(skeleton);
   while (joints.size() > count) {
+    throw_if_interrupted();
     const std::vector<std::vector<int>> children = joints.children();
     const std::vector<int> mirrored = mirrored_joints(joints.positions, joints.parents);
     const bool pairs_allowed = joints.size() - count >= 2;
@@ -194,6 +196,7 @@ Skeleton with_joint_count(const Skeleton& skeleton, std::size_t count) {
     if (other >= 0) joints.remove(std::min(removed, other));
   }
   while (joints.size() < count) {
+    throw_if_interrupted();
     if (joints.size() == 1) throw InputError("", "joints", "a skeleton of one joint has no bone to halve");
     const std::vector<int> mirrored = mirrored_joints(joints.positions, joints.parents);
     const bool pairs_allowed = count - joints.size() >= 2;

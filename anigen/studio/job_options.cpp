@@ -58,6 +58,7 @@ void read_rig_options(ConfigReader& reader, engine::RigOptions& rig) {
   std::vector<std::string> names = name_presets();
   names.emplace_back();
   rig.names = reader.choice("names", "", names);
+  rig.bone_axes = reader.choice("bone_axes", "", {"", "world", "along"});
 }
 
 void read_generate_options(ConfigReader& reader, engine::GenerateOptions& generate, std::string& voxels_of) {

@@ -29,7 +29,7 @@ METHODS = [("auto", "Automatic", "Learned joints where they are sure, else a tem
            ("curve", "Curve", "Joints along the curve that the mesh contracts to"),
            ("pinocchio", "Template", "A template embedded in the mesh"),
            ("anigen", "Learned", "Joints by the flows of the shipped models")]
-NAMES = [("none", "As they are", ""), ("blender", "Blender", "Names that Blender can mirror"),
+NAMES = [("none", "As they are", ""), ("chain", "Blender", "Names that Blender can mirror"),
          ("unity", "Unity", ""), ("unreal", "Unreal", ""), ("vrm", "VRM", "")]
 
 
@@ -154,7 +154,8 @@ class AnigenRig(bpy.types.Operator):
         """Options of a studio's rigs."""
         if self.method == "anigen":
             raise Failed("a studio has no learned joints of their own: Automatic asks for them")
-        options = {"method": self.method, "motions": [], "joints": self.joints, "symmetric": self.symmetric}
+        options = {"method": self.method, "motions": [], "joints": self.joints, "symmetric": self.symmetric,
+                   "bone_axes": "along"}
         if self.method == "auto":
             options["keep_skeleton"] = False
         if self.names != "none":

@@ -183,13 +183,16 @@ class Call:
         self.server.notify("notifications/progress",
                            {"progressToken": self.token, "progress": value, "message": message})
 
-    def wait(self, job):
-        """@return the job that has ended @raises Cancelled after it was cancelled; ToolError when it failed"""
+    def wait(self, job, own=True):
+        """@param own this call has begun the job, and ends it when it is cancelled itself
+        @return the job that has ended @raises Cancelled after it was cancelled; ToolError when it failed"""
         pause = 0.05
         while job["state"] not in ENDED:
             if self.cancelled.wait(pause):
                 try:
-                    self.studio.end(job["id"])
+                    # Ending a job that has ended removes it with its files.
+                    if own and self.studio.job(job["id"])["state"] not in ENDED:
+                        self.studio.end(job["id"])
                 except ToolError as error:
                     print(f"anigen_mcp: {error}", file=sys.stderr)
                 raise Cancelled()
@@ -276,7 +279,7 @@ def job_status(call, arguments):
     check_output(arguments)
     job = call.studio.job(job_id(arguments))
     if arguments.get("wait", False):
-        job = call.wait(job)
+        job = call.wait(job, own=False)
     if job["state"] != "done":
         if arguments.get("output"):
             raise ToolError(f"job {job['id']} is {job['state']}, and has no result yet")
@@ -317,7 +320,7 @@ JOB = {"job": text("ID of a job whose result it is, in place of the file")}
 TOOLS = {
     "generate": (generate, "Makes a rigged, animated 3D asset of an image of one object or creature.",
                  {"image": text("Image file: PNG, JPEG, WebP, BMP, TIFF"), **OUTPUT,
-                  "mask": text("Image of the same size: the object is where it is bright"),
+                  "mask": text("PNG of the same size: the object is where it is bright"),
                   "seed": whole("Another seed, another asset"), "joints": whole("Wanted number; 0: as many as fit"),
                   "ss_steps": whole("Steps of the first flow", 1), "slat_steps": whole("Steps of the second flow", 1),
                   "stop_at": text('"voxels": ends after the first flow, whose picture the studio shows'),

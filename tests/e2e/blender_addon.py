@@ -68,8 +68,8 @@ if os.path.exists(os.path.join(programs, "anigen-studio")):
         bpy.context.preferences.addons[name].preferences.address = address
         assert bpy.ops.anigen.rig(method="curve", joints=5) == {"FINISHED"}
         check_bound(tube)
+        assert bpy.ops.anigen.rig(method="curve", joints=5, names="chain") == {"FINISHED"}
         for options, words in (({"method": "anigen"}, "Automatic asks"),
-                               ({"method": "curve", "names": "blender"}, "names"),
                                ({"method": "curve", "names": "unity"}, "humanoids")):
             try:
                 bpy.ops.anigen.rig(**options)

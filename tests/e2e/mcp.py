@@ -143,6 +143,10 @@ def check_tools(client, folder):
     client.refused("job_status", "cancelled", job=begun[3]["id"], wait=True)
     client.refused("cancel", "already", job=begun[3]["id"])
     assert client.made("job_status", job=begun[0]["id"], wait=True, output=str(folder / "b.glb"))["state"] == "done"
+    # A client that gives up waiting for a job leaves it alone: others may wait for it, too.
+    call = client.begin("tools/call", {"name": "job_status", "arguments": {"job": begun[2]["id"], "wait": True}})
+    client.send({"jsonrpc": "2.0", "method": "notifications/cancelled", "params": {"requestId": call}})
+    assert client.made("job_status", job=begun[2]["id"], wait=True)["state"] == "done"
     call = client.begin("tools/call", {"name": "rig", "arguments": {"mesh": str(mesh)}})
     client.send({"jsonrpc": "2.0", "method": "notifications/cancelled", "params": {"requestId": call}})
     assert client.ask("ping")["result"] == {}, "a cancelled call gets no answer"

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -97,6 +98,10 @@ TEST_F(EngineFiles, RigAsTheProgramDoes) {
   const auto places = rigged.asset.skeleton.positions(), in_file = from_file.skeleton.positions();
   for (std::size_t j = 0; j < places.size(); ++j) EXPECT_LT((places[j] - in_file[j]).norm(), 1e-5);
   EXPECT_NE(error_of([&] { rig_file(mesh, mesh, options); }), "");
+  EXPECT_NE(error_of([&] { rig_file(folder_.path(), folder_.path() / "all", options); }).find("is a folder"),
+            std::string::npos);
+  options.joints = 100'000;
+  EXPECT_EQ(error_of([&] { rig(load(mesh), options); }).rfind("joints: ", 0), 0U);
 }
 
 TEST(EngineRig, KeepsTheSkeletonAndClipsThatAMeshHas) {
@@ -246,6 +251,8 @@ TEST(EnginePictures, ShowAMomentOfAClip) {
   options.time = 0.3;
   EXPECT_NE(render(dog, options).rgba, still.rgba);
   EXPECT_EQ(png_bytes(still).substr(1, 3), "PNG");
+  options.time = std::nan("");
+  EXPECT_EQ(error_of([&] { render(dog, options); }), "time: must be finite");
   options.clip = 1;
   EXPECT_NE(error_of([&] { render(dog, options); }).find("has 1 clips"), std::string::npos);
   options.mode = "smell";

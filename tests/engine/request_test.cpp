@@ -40,6 +40,13 @@ TEST(EngineRequests, OfOptionsLeftAloneAreThoseOfTheirOwnDefaults) {
   EXPECT_EQ(dataset.tables.near_skeletons, anigen::prepare::TableOptions().near_skeletons);
 }
 
+TEST(EngineRequests, TryTemplatesFirstForAHumanoid) {
+  EXPECT_FALSE(rig_request({}).joints.templates_first);
+  rigging::RigRequest further;
+  further.engine.humanoid = true;
+  EXPECT_TRUE(rig_request({}, further).joints.templates_first);
+}
+
 TEST(EngineRequests, HaveEveryOptionOfARig) {
   RigOptions options;
   options.method = "auto";
@@ -68,6 +75,7 @@ TEST(EngineRequests, HaveEveryOptionOfARig) {
   EXPECT_EQ(request.engine.names, rigging::parse_name_style("unreal"));
   EXPECT_EQ(request.engine.height, 1.8);
   EXPECT_TRUE(request.engine.ground && request.engine.root_bone);
+  EXPECT_TRUE(request.joints.templates_first) << "names of humans need all of their bones";
 }
 
 TEST(EngineRequests, KeepFurtherOptionsOfAProgram) {

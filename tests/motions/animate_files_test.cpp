@@ -1,6 +1,7 @@
 #include "anigen/motions/animate_files.h"
 
 #include <gtest/gtest.h>
+#include <cmath>
 #include <fstream>
 
 #include "anigen/core/error.h"
@@ -107,6 +108,38 @@ TEST(AnimateFiles, RefusesBadInput) {
   request.assets = folder / "nothing";
   EXPECT_FALSE(animate_files(request).front().failure.empty());
   EXPECT_FALSE(fs::exists(folder / "out.glb"));
+}
+
+TEST(AnimateFiles, ClipsOfAnAssetHaveNamesOfTheirOwn) {
+  Asset biped = test::made_biped();
+  biped.animations = clips_of(biped, {"walk"}, {});
+  const std::vector<Animation> clips = clips_of(biped, {"walk", "walk"}, {});
+  ASSERT_EQ(clips.size(), 2U);
+  EXPECT_EQ(clips[0].name, "walk_2");
+  EXPECT_EQ(clips[1].name, "walk_3");
+}
+
+TEST(AnimateFiles, MotionsOfFilesObeyRatesAndRefuseBadOnes) {
+  const test::TemporaryFolder folder;
+  Asset biped = test::made_biped();
+  biped.animations = clips_of(biped, {"walk"}, {});
+  const std::vector<std::string> motion{(folder / "walk.glb").string()};
+  io::write_gltf(motion.front(), biped);
+  biped.animations.clear();
+  MotionOptions slow;
+  slow.fps = 40;
+  slow.speed = 0.25;
+  const Animation clip = clips_of(biped, motion, slow).front();
+  EXPECT_NEAR(static_cast<double>(clip.channels.front().times.size()), clip.duration() * slow.fps + 1, 1.5);
+  for (const double wrong : {0.0, -1.0, std::nan("")}) {
+    MotionOptions rate, speed;
+    rate.fps = speed.speed = wrong;
+    EXPECT_THROW(clips_of(biped, motion, rate), InputError) << wrong;
+    EXPECT_THROW(clips_of(biped, motion, speed), InputError) << wrong;
+  }
+  MotionOptions one_frame;
+  one_frame.frames = 1;
+  EXPECT_THROW(clips_of(biped, motion, one_frame), InputError);
 }
 
 TEST(AnimateFiles, DrawsASheetOrFrames) {

@@ -27,6 +27,7 @@ function generation(job, stem) {
 function rig(job, stem) {
   const {options} = job, words = [];
   for (const key of ['method', 'skin', 'joints', 'influences', 'names']) if (options[key]) words.push(`--${key} ${options[key]}`);
+  if (options.bone_axes) words.push(`--bone-axes ${options.bone_axes}`);
   for (const word of options.templates ?? []) words.push(`--template ${word}`);
   if (options.symmetric) words.push('--symmetric');
   if (options.keep_skeleton === false && (options.method ?? 'auto') === 'auto') words.push('--new-skeleton');
