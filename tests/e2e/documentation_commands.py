@@ -26,7 +26,7 @@ FIRST = ("docs/getting_started.md", "All stages by hand")
 CANNOT_RUN = [
     ("scripts/quickstart.sh", "installs packages and builds; e2e tests and .ci/run cover its experiment"),
     ("scripts/test.sh", "installs packages, builds and runs this test"),
-    ("scripts/build.sh release --programs", "compiles everything"),
+    ("scripts/build.sh --programs release", "compiles everything"),
     ("cmake -", "e2e.installed_library installs, builds the examples against that and runs them"),
     ("xdg-open", "needs a desktop"),
     ("anigen-rig --method anymate --mesh rigs/ --skin-model bert-", "needs released weights"),
