@@ -176,10 +176,16 @@ py::array_t<std::uint8_t> array_of(const engine::Picture& picture) {
   return array;
 }
 
-engine::Generator make_generator(const std::optional<std::filesystem::path>& runs, const std::string& device,
-                                 const std::string& precision, const std::string& background) {
+engine::Generator make_generator(const std::optional<std::filesystem::path>& runs,
+                                 const std::optional<std::filesystem::path>& structure_flow,
+                                 const std::optional<std::filesystem::path>& latent_flow, bool counts_joints,
+                                 const std::string& device, const std::string& precision,
+                                 const std::string& background) {
   engine::GeneratorOptions options;
   if (runs) options.runs = *runs;
+  if (structure_flow) options.structure_flow = *structure_flow;
+  if (latent_flow) options.latent_flow = *latent_flow;
+  options.counts_joints = counts_joints;
   options.device = device;
   options.precision = precision;
   options.background = background;
@@ -375,9 +381,11 @@ void add_measures(py::module_& m) {
       py::arg("joints_a"), py::arg("parents_a"), py::arg("joints_b"), py::arg("parents_b"));
   m.def(
       "lint",
-      [](const AssetPtr& asset) {
+      [](const std::variant<AssetPtr, std::filesystem::path>& of) {
+        const auto* file = std::get_if<std::filesystem::path>(&of);
         py::list findings;
-        for (const engine::Finding& found : unlocked([&] { return engine::lint(*asset); })) {
+        for (const engine::Finding& found : unlocked(
+                 [&] { return file != nullptr ? engine::lint_file(*file) : engine::lint(*std::get<AssetPtr>(of)); })) {
           py::dict one;
           one["code"] = found.code;
           one["severity"] = found.severity;
@@ -557,8 +565,9 @@ void add_generator(py::module_& m) {
       .def_property_readonly("voxels", [](const engine::Generated& made) { return py::bytes(made.voxels); });
   py::class_<engine::Generator>(m, "Generator")
       .def(py::init(&make_generator), py::kw_only(), py::arg("runs") = py::none(),
-           py::arg("device") = usual_models.device, py::arg("precision") = usual_models.precision,
-           py::arg("background") = usual_models.background)
+           py::arg("structure_flow") = py::none(), py::arg("latent_flow") = py::none(),
+           py::arg("counts_joints") = usual_models.counts_joints, py::arg("device") = usual_models.device,
+           py::arg("precision") = usual_models.precision, py::arg("background") = usual_models.background)
       .def("generate", &generate, py::arg("image"), py::kw_only(), py::arg("seed") = usual.seed,
            py::arg("joints") = usual.joints, py::arg("ss_steps") = py::none(), py::arg("slat_steps") = py::none(),
            py::arg("mask") = py::none(), py::arg("stop_at") = usual.stop_at, py::arg("voxels") = py::none(),

@@ -86,6 +86,9 @@ done
 # The Khronos validator checks exported files in the tests, three.js shows assets in reports and, with three-vrm, loads VRM files in the tests. npm is optional: without
 # it the checks are skipped, and reports have no 3D views.
 root=$(cd "$(dirname "$0")/.." && pwd)
+if ! command -v npm >/dev/null && [ ! -d "$root/.cache/node/node_modules/three" ]; then
+  echo "setup: npm is not installed: reports and anigen-studio have no 3D views; sudo apt-get install npm, then again"
+fi
 for package in gltf-validator@2.0.0-dev.3.10 three@0.171.0 @pixiv/three-vrm@3.4.0; do
   if command -v npm >/dev/null && [ ! -d "$root/.cache/node/node_modules/${package%@*}" ]; then
     mkdir -p "$root/.cache/node"

@@ -68,6 +68,8 @@ int main(int argc, char** argv) {
   program.check = [&] {
     if (grouping.parsed() && grouped.run.empty() && grouped.slat_flow.empty())
       throw InputError("", "--run", "name the run of stage 3, or both flows with --ss-flow and --slat-flow");
+    if (grouping.parsed() && !grouped.slat_flow.empty())
+      refuse_given(grouping, {"--ckpt"}, "is that of --run; both flows are taken as anigen-generate takes them");
   };
   return program.run(argc, argv, [&] {
     structure.device = structured.device = rebuilt.device = grouped.device = program.common.device;

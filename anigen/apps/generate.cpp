@@ -169,6 +169,14 @@ void refuse_ignored(const CLI::App& app, const GenerateArguments& arguments) {
   if (arguments.sampling.structure_guidance == 1.0 && arguments.sampling.latent_guidance == 1.0)
     refuse_given(app, {"--guidance-every"}, "--ss-guidance 1 and --slat-guidance 1 guide at no time");
   if (arguments.keep_hidden) refuse_given(app, {"--hidden-views"}, "--keep-hidden looks for no hidden faces");
+  for (const auto& [interval, option] :
+       {std::pair(arguments.structure_interval, "--ss-interval"), {arguments.latent_interval, "--slat-interval"}}) {
+    if (interval.size() == 2 && interval[0] > interval[1])
+      throw InputError("", option, "the lower end of an interval comes first");
+  }
+  constexpr int kLeastTexture = 64;
+  if (arguments.finishing.texture_size > 0 && arguments.finishing.texture_size < kLeastTexture)
+    throw InputError("", "--texture-size", "is 0, for colours of vertices, or at least 64");
   if (arguments.no_smoothing)
     refuse_given(app, {"--smooth-iterations", "--smooth-alpha"}, "--no-smooth-skin leaves the weights as they are");
 }

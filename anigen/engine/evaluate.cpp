@@ -5,6 +5,7 @@
 #include "anigen/engine/evaluate_request.h"
 #include "anigen/engine/module.h"
 #include "anigen/engine/option_names.h"
+#include "anigen/eval/lint_files.h"
 #include "anigen/eval/pair.h"
 #include "anigen/lint/lint.h"
 #include "anigen/metrics/chamfer.h"
@@ -48,6 +49,19 @@ double gromov_wasserstein(const JointTree& predicted, const JointTree& truth) {
   return metrics::skeleton_transport({predicted, "prediction"}, {truth, "truth"}).gromov_wasserstein;
 }
 
+namespace {
+
+std::vector<Finding> findings_of(const anigen::lint::RigLint& lint) {
+  std::vector<Finding> findings;
+  for (const anigen::lint::LintFinding& found : lint.findings) {
+    findings.push_back({found.code, anigen::lint::to_string(found.severity), found.sentence, found.count, found.share,
+                        found.place.kind, found.place.index});
+  }
+  return findings;
+}
+
+}  // namespace
+
 double wasserstein(const JointTree& predicted, const JointTree& truth) {
   return metrics::skeleton_transport({predicted, "prediction"}, {truth, "truth"}).wasserstein;
 }
@@ -62,13 +76,19 @@ std::vector<Finding> lint(const Asset& asset, Job* job) {
   quiet_log();
   const JobScope scope(job);
   throw_if_interrupted();
-  std::vector<Finding> findings;
-  for (const anigen::lint::LintFinding& found : anigen::lint::lint_rig(asset).findings) {
-    findings.push_back({found.code, anigen::lint::to_string(found.severity), found.sentence, found.count, found.share,
-                        found.place.kind, found.place.index});
-  }
+  std::vector<Finding> findings = findings_of(anigen::lint::lint_rig(asset));
   throw_if_interrupted();
   return findings;
+}
+
+std::vector<Finding> lint_file(const std::filesystem::path& file, Job* job) {
+  quiet_log();
+  const JobScope scope(job);
+  const std::vector<eval::LintedFile> linted = eval::lint_path(file);
+  if (linted.size() != 1)
+    throw InputError(file.string(), "", "holds " + std::to_string(linted.size()) + " rigs; name one");
+  if (!linted.front().rejection.empty()) throw InputError("", "", linted.front().rejection);
+  return findings_of(linted.front().lint);
 }
 
 }  // namespace anigen::engine

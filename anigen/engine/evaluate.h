@@ -1,6 +1,7 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <string>
 #include <vector>
@@ -55,7 +56,12 @@ struct Finding {
   std::size_t place = 0;
 };
 
-/// Finds all that is wrong with a rig, the gravest first. @throws Interrupted
+/// Finds what is wrong with a rig, the gravest first. An asset does not know what load() repaired: for a file see
+/// lint_file(). @throws Interrupted
 std::vector<Finding> lint(const Asset& asset, Job* job = nullptr);
+
+/// Finds what is wrong with the rig of a file, repairs of its importer included, as `anigen-inspect --lint`.
+/// @throws InputError for a file that cannot be read, or one of several rigs; Interrupted
+std::vector<Finding> lint_file(const std::filesystem::path& file, Job* job = nullptr);
 
 }  // namespace anigen::engine

@@ -19,6 +19,8 @@ struct GeneratorOptions {
   /// checkpoints count.
   std::filesystem::path structure_flow, latent_flow;
   std::filesystem::path runs;  ///< folder of both flows; empty: the weights that come with the programs
+  /// Of several second flows in `runs` take the one that was told numbers of joints, for GenerateOptions::joints.
+  bool counts_joints = false;
   std::string device = "cpu";
   std::string precision = "fp32";   ///< fp32, bf16 or int8
   bool low_memory = false;          ///< one model at a time

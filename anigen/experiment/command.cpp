@@ -246,7 +246,7 @@ void check_commands(const Experiment& experiment, const fs::path& out, const Pla
     progress.advance();
     const Job& job = plan.jobs[index];
     ChildProgram program;
-    program.words = job.command;
+    program.words = words_to_run(job);
     program.words.emplace_back("--check-options");
     program.log = said / job.id;
     ChildProcess child(program);
@@ -279,8 +279,13 @@ std::string run(const ExperimentCommand& command, const Experiment& experiment, 
     log::warn("no report: {}", problem);
   }
   if (outcome.failed > 0) {
-    throw Error(counted(outcome.failed, "jobs failed, ") + counted(outcome.skipped, "were not begun for it; ") +
-                (command.place.out / "records").string() + " holds their logs; the same command tries again");
+    const std::string failure = counted(outcome.failed, "jobs failed, ") +
+                                counted(outcome.skipped, "were not begun for it; ") +
+                                (command.place.out / "records").string() + " holds their logs; ";
+    // A task of a cluster is not queued again for an input that stays wrong.
+    if (!command.only.empty() && outcome.refused == outcome.failed)
+      throw InputError(experiment.file.string(), command.only, failure + "their input is wrong");
+    throw Error(failure + "the same command tries again");
   }
   if (!problem.empty() && command.only.empty()) throw Error("all jobs are done, but there is no report: " + problem);
   if (json) return plan_json(command.place.out, plan).dump(2) + "\n";

@@ -241,7 +241,7 @@ void read_claims(Experiment& experiment, ConfigReader& reader) {
     read_side(f, experiment, "of", claim.of);
     read_side(f, experiment, "over", claim.over);
     if (claim.of.variant == claim.over.variant && claim.of.method == claim.over.method &&
-        claim.of.step == claim.over.step)
+        claim.of.step == claim.over.step && claim.of.file == claim.over.file && claim.of.key == claim.over.key)
       throw f.error("over", "both sides of the claim are the same");
   });
 }

@@ -91,6 +91,7 @@ std::vector<double> training_by_seed(const Plan& plan, const std::filesystem::pa
 MethodCost cost_of_row(const Plan& plan, const std::filesystem::path& out, const CostRow& row) {
   MethodCost cost;
   cost.label = row.label;
+  double all_assets = 0;
   for (const Job* job : jobs_of_step(plan, row.step)) {
     ++cost.wanted;
     const auto record = record_when_done(out, *job);
@@ -102,6 +103,7 @@ MethodCost cost_of_row(const Plan& plan, const std::filesystem::path& out, const
     }
     ++cost.jobs;
     cost.assets = assets;
+    all_assets += static_cast<double>(assets);
     cost.by_job.push_back(record->seconds / static_cast<double>(assets));
     cost.seconds += cost.by_job.back();
     cost.peak_bytes = std::max(cost.peak_bytes, static_cast<std::uint64_t>(record->peak_bytes));
@@ -110,7 +112,8 @@ MethodCost cost_of_row(const Plan& plan, const std::filesystem::path& out, const
   if (cost.jobs == 0) return cost;
   cost.seconds /= static_cast<double>(cost.jobs);
   for (const std::string& step : row.before)
-    cost.seconds_before += mean_seconds(plan, out, step, &cost.peak_bytes, cost.ran) / static_cast<double>(cost.assets);
+    cost.seconds_before +=
+        mean_seconds(plan, out, step, &cost.peak_bytes, cost.ran) * static_cast<double>(cost.jobs) / all_assets;
   for (double& seconds : cost.by_job) seconds += cost.seconds_before;
   std::set<std::string> trained;
   for (const std::string& model : row.models) {

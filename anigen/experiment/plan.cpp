@@ -128,22 +128,30 @@ void append_option(std::vector<std::string>& command, const std::string& option,
   if (!value.is_boolean()) command.push_back(option_text(value));
 }
 
+bool is_given(const Json& arguments, const char* option) {
+  return arguments.contains(option) && !arguments[option].is_null() && arguments[option] != false;
+}
+
 /// True if inputs may fail, which the step's own "--keep-going": false forbids: they are in the tables of results.
 bool keeps_going(const std::string& program, const Json& arguments) {
   if (arguments.contains("--keep-going") || program == "anigen-train") return false;
-  return program != "anigen-eval" || !arguments.contains("--ss-flow");
+  if (program != "anigen-eval") return true;
+  if (is_given(arguments, "--matting-network")) return false;
+  return !is_given(arguments, "--ss-flow") || is_given(arguments, "--oracle");
 }
 
 /// True if a program computes on --device with these arguments; otherwise it refuses the option.
 bool uses_device(const std::string& program, const Json& arguments) {
-  const auto given = [&](const char* option) {
-    return arguments.contains(option) && !arguments[option].is_null() && arguments[option] != false;
-  };
+  const auto given = [&](const char* option) { return is_given(arguments, option); };
   if (program == "anigen-prepare") return given("--features") && arguments["--features"] != "surface";
   if (program == "anigen-rig" && given("--retrieval-encoder")) return true;
-  if (program == "anigen-rig")
-    return given("--method") && (arguments["--method"] == "anymate" || arguments["--method"] == "rignet");
-  if (program == "anigen-eval") return given("--ss-flow") || given("--skin-ae") || given("--lpips-weights");
+  if (program == "anigen-rig") {
+    const Json method = given("--method") ? arguments["--method"] : Json();
+    return method == "anymate" || method == "rignet" || method == "anigen";
+  }
+  if (program == "anigen-eval") {
+    return given("--ss-flow") || given("--skin-ae") || given("--lpips-weights") || given("--image-encoder");
+  }
   return program != "anigen-inspect" && program != "anigen-animate";
 }
 

@@ -204,11 +204,9 @@ class JobRunner {
     return options_.together ? worker_logs(out_, job.id) / (process_number() + ".log") : log_file(out_, job.id);
   }
 
-  /// With the job's share of the cores, where there is something to share. What lies in a job's folder was made by
-  /// equal code, whatever its commit: the code is part of the job's name.
+  /// With the job's share of the cores, where there is something to share.
   std::vector<std::string> command_of(const Job& job) const {
-    std::vector<std::string> command = job.command;
-    if (job.program == "anigen-generate") command.emplace_back("--accept-other-code");
+    std::vector<std::string> command = words_to_run(job);
     if (options_.threads == 0 && options_.at_once == 1) return command;
     command.insert(command.end(), {"--threads", std::to_string(share_of_one().threads)});
     return command;
@@ -264,6 +262,7 @@ class JobRunner {
       log::info("  {} done in {}", job.id, duration_text(record.seconds));
     } else if (!stopped) {
       ++outcome_.failed;
+      if (end.status == 2) ++outcome_.refused;
       log::error("  {} failed with status {}: {} ({})", job.id, end.status, last_line(running.log, 300),
                  running.log.string());
     }
@@ -386,6 +385,13 @@ std::optional<JobRecord> read_record(const fs::path& out, const std::string& id)
 
 void write_record(const fs::path& out, const std::string& id, const JobRecord& record) {
   write_config(record_file(out, id), record.to_json());
+}
+
+std::vector<std::string> words_to_run(const Job& job) {
+  std::vector<std::string> words = job.command;
+  const bool forced = std::find(words.begin(), words.end(), "--force") != words.end();
+  if (job.program == "anigen-generate" && !forced) words.emplace_back("--accept-other-code");
+  return words;
 }
 
 std::string last_line(const fs::path& log, std::size_t most) {

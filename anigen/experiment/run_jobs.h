@@ -70,6 +70,10 @@ std::vector<std::string> recorded_jobs(const std::filesystem::path& out);
 std::optional<JobRecord> read_record(const std::filesystem::path& out, const std::string& id);
 void write_record(const std::filesystem::path& out, const std::string& id, const JobRecord& record);
 
+/// A job's program and arguments as they are run, but for threads. What lies in a job's folder was made by equal code,
+/// whatever its commit, since the code is part of the job's name: programs that ask about that are told so.
+std::vector<std::string> words_to_run(const Job& job);
+
 /// The last line of a log that says something, at most so many characters; progress bars count as lines. Empty without
 /// such a file.
 std::string last_line(const std::filesystem::path& log, std::size_t most);
@@ -97,6 +101,7 @@ struct RunOptions {
 
 struct RunOutcome {
   std::size_t done = 0, kept = 0, failed = 0, skipped = 0;  ///< skipped: needed what failed
+  std::size_t refused = 0;                                  ///< of those that failed, by status 2: wrong input
 };
 
 /// Runs what is not done, and says what is going on. A job that was interrupted, or failed before, is called again as

@@ -59,7 +59,7 @@ class GuidedVelocity {
 
   std::int64_t passes() const { return passes_; }
 
-  /// Begins anew: earlier velocities were those of another attention.
+  /// Begins anew: earlier velocities were those of another attention, or guided otherwise.
   void forget() {
     difference_.clear();
     known_.clear();
@@ -232,11 +232,17 @@ Sampled sample_flow(const Streams& noise, const Velocities& velocities, const Sa
   Streams x = noise;
   GuidedVelocity guided(velocities, options);
   EarlierStep before;
+  bool was_guided = false;
   for (std::size_t step = 0; step + 1 < times.size(); ++step) {
     const double t = times[step], next = times[step + 1];
     const auto number = static_cast<std::int64_t>(step);
     const nn::AttentionWindows windows(number < options.windowed_steps ? options.window : 0);
-    if (number > 0 && number == options.windowed_steps) guided.forget();
+    const bool is_guided = velocities.unconditional && guided_at(options, t);
+    if (number > 0 && (number == options.windowed_steps || is_guided != was_guided)) {
+      guided.forget();
+      before = {};  // a line through both velocities would point past the change
+    }
+    was_guided = is_guided;
     if (velocities.step_begins) velocities.step_begins(number);
     const Streams velocity = guided.of_step(x, t, /*last=*/step + 2 == times.size());
     if (extras.trajectory) {

@@ -82,6 +82,11 @@ flow::SamplerOptions SamplerOverrides::over(flow::SamplerOptions options) const 
   options.velocity_tolerance = velocity_tolerance.value_or(options.velocity_tolerance);
   options.windowed_steps = windowed_steps.value_or(options.windowed_steps);
   options.validate();
+  if (options.cfg_strength == 0.0 && (cfg_interval || cfg_every.value_or(1) > 1))
+    log::warn_once("the flow samples without guidance: when and how often it guides changes nothing");
+  const bool as_euler = solver && *solver != flow::Solver::kMidpoint && *solver != flow::Solver::kEuler;
+  if (options.steps == 1 && (as_euler || velocity_tolerance.value_or(0.0) > 0.0))
+    log::warn_once("the flow takes one step: of solvers but midpoint that is Euler's, and nothing is predicted");
   return options;
 }
 

@@ -153,9 +153,7 @@ class SeenLatents : public StructuredLatents {
         pictures_(/*bytes=*/0) {}
 
   std::string fingerprint() const override {
-    const nn::RunModel& flow = flow_.flow();
-    return sha256(StructuredLatents::fingerprint() + fingerprint_of_files({flow.checkpoint, flow.config}) + "/" +
-                  std::to_string(view_));
+    return sha256(StructuredLatents::fingerprint() + flow_.fingerprint() + "/" + std::to_string(view_));
   }
   std::vector<fs::path> inputs(const data::AssetId& asset) const override {
     std::vector<fs::path> files = StructuredLatents::inputs(asset);
@@ -206,10 +204,7 @@ class FoundSkeletonLatents : public StructuredLatents {
     if (request.view != 0) throw InputError("", "--view", "is of flows that see images; this one sees the mesh");
   }
 
-  std::string fingerprint() const override {
-    return sha256(StructuredLatents::fingerprint() +
-                  fingerprint_of_files({flow_.flow().checkpoint, flow_.flow().config}));
-  }
+  std::string fingerprint() const override { return sha256(StructuredLatents::fingerprint() + flow_.fingerprint()); }
 
   void encode(const data::AssetId& asset, const fs::path& file) override {
     const sparse::SparseTensor shape = coder().inputs(asset).x;

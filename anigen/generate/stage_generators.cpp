@@ -265,6 +265,12 @@ Tensor StructureGenerator::shape_latent(const Tensor& voxels) {
 // the values that kTrustedAgreement was chosen by.
 constexpr double kSkeletonLogit = -2.0;
 
+std::string StructureGenerator::fingerprint() const {
+  const nn::RunModel decoder =
+      nn::find_run_model(autoencoder_, sparse_structure::kSparseStructureDecoderClass, reading_.ss_dec_ckpt);
+  return fingerprint_of_files({flow_.checkpoint, flow_.config, decoder.checkpoint});
+}
+
 StructureGenerator::FoundSkeleton StructureGenerator::skeleton_of(const Tensor& voxels, const flow::Streams& noise) {
   const torch::NoGradGuard no_grad;
   const auto logits_of = [&](const Tensor& shape) {

@@ -175,6 +175,8 @@ class StructureGenerator : public FlowGenerator<sparse_structure::SparseStructur
   explicit StructureGenerator(const Request& request);
 
   const std::filesystem::path& autoencoder() const { return autoencoder_; }
+  /// Of the weights that its answers depend on, and of its config. @throws Error for a file that is gone
+  std::string fingerprint() const;
   bool shape_alone() const { return options().geometry_only; }  ///< decode() then finds no skeleton
   /// True where it trained on given shapes alone: it then finds the skeleton of a shape.
   bool finds_skeletons() const { return training_.p_given_shape == 1.0; }

@@ -93,8 +93,9 @@ def chamfer(joints_a: ArrayLike, parents_a: Sequence[int], joints_b: ArrayLike,
             parents_b: Sequence[int]) -> Dict[str, float]:
     """{"j2j", "j2b", "b2b"}"""
 
-def lint(asset: Asset) -> List[Dict[str, Any]]:
-    """Findings with code, severity, sentence, count and share, the gravest first."""
+def lint(asset: Union[Asset, File]) -> List[Dict[str, Any]]:
+    """Findings with code, severity, sentence, count and share, the gravest first. Of a file also what had to be
+    repaired to read it, which an asset does not know."""
 
 def render(asset: Asset, *, width: int = 512, height: int = 512, mode: str = "color", skeleton: bool = False,
            transparent: bool = False, yaw: float = ..., pitch: float = ..., clip: int = -1,
@@ -144,9 +145,12 @@ class Generated:
 class Generator:
     """Image to rigged asset, with models that are loaded once."""
 
-    def __init__(self, *, runs: Optional[File] = None, device: str = "cpu", precision: str = "fp32",
-                 background: str = "auto") -> None:
-        """runs: folder of both flows; None: the weights that are installed."""
+    def __init__(self, *, runs: Optional[File] = None, structure_flow: Optional[File] = None,
+                 latent_flow: Optional[File] = None, counts_joints: bool = False, device: str = "cpu",
+                 precision: str = "fp32", background: str = "auto") -> None:
+        """runs: folder of both flows; None: the weights that are installed. structure_flow, latent_flow: run folders
+        that are named. counts_joints: of several second flows in `runs` the one that was told numbers of joints, for
+        generate(joints=N)."""
     def generate(self, image: Union[File, bytes], *, seed: int = 42, joints: int = 0, ss_steps: Optional[int] = None,
                  slat_steps: Optional[int] = None, mask: Union[File, bytes, None] = None, stop_at: str = "",
                  voxels: Union[File, bytes, None] = None, pictures: Optional[Callable[[str, bytes], Any]] = None,

@@ -153,6 +153,10 @@ def check_files(folder):
     picture = anigen.render(rigged, width=64, height=48, skeleton=True)
     assert picture.shape == (48, 64, 4) and picture.dtype == np.uint8 and picture[..., :3].std() > 1
     assert isinstance(anigen.lint(rigged), list)
+    anigen.save(rigged, folder / "linted.glb")
+    keys = {"code", "severity", "sentence", "count", "share"}
+    assert all(keys <= set(found) for found in anigen.lint(folder / "linted.glb"))
+    raises(anigen.InputError, "missing.glb", lambda: anigen.lint(str(folder / "missing.glb")))
     return rigged
 
 

@@ -268,6 +268,24 @@ TEST(EngineLint, FindsWhatIsWrong) {
       std::any_of(findings.begin(), findings.end(), [](const Finding& f) { return f.code == "repeated-names"; }));
 }
 
+TEST(EngineLint, OfAFileSaysWhatWasRepairedToReadIt) {
+  const test::TemporaryFolder folder;
+  Asset boxes = test::hinged_boxes(0.1F, 0.2F);
+  boxes.skeleton.names = {"base", "hinge", "tip"};
+  const fs::path file = folder / "boxes.gltf";
+  save(boxes, file);
+  std::string text = read_file(file);
+  const std::size_t at = text.find("\"hinge\"");
+  ASSERT_NE(at, std::string::npos);
+  write_file_atomically(file, text.replace(at, 7, "\"base\""));
+  const auto repeats = [](const std::vector<Finding>& findings) {
+    return std::any_of(findings.begin(), findings.end(), [](const Finding& f) { return f.code == "repeated-names"; });
+  };
+  EXPECT_TRUE(repeats(lint_file(file)));
+  EXPECT_FALSE(repeats(lint(load(file)))) << "load() tells them apart";
+  EXPECT_NE(error_of([&] { lint_file(folder / "missing.glb"); }).find("missing.glb"), std::string::npos);
+}
+
 #ifdef ANIGEN_WITH_TORCH
 class EngineGenerator : public ::testing::Test {
  protected:

@@ -219,6 +219,25 @@ TEST(FlowSampler, GuidesInsideTheIntervalOnly) {
   EXPECT_EQ(guided, (std::vector<float>{750.0f, 500.0f, 250.0f}));  // both ends belong to it
 }
 
+TEST(FlowSampler, NoEarlierVelocityOutlivesAChangeOfGuidance) {
+  // v = 1 and v_neg = 0: inside the interval 1 + s, outside 1, and every solver is exact.
+  const Velocities flow = {[](const Streams& x, float) { return Streams{torch::ones_like(x[0])}; },
+                           [](const Streams& x, float) { return Streams{torch::zeros_like(x[0])}; }};
+  for (const bool predicts : {false, true}) {
+    SamplerOptions options = with_steps(8);
+    options.cfg_strength = 7.5;
+    options.cfg_interval = std::make_pair(0.5, 1.0);  // t = 1, 0.875, 0.75, 0.625, 0.5 of eight steps
+    if (predicts) {
+      options.velocity_tolerance = 0.1;
+    } else {
+      options.solver = Solver::kAdams;
+    }
+    const Sampled sampled = sample_flow({torch::zeros({1}, torch::kFloat64)}, flow, options);
+    EXPECT_NEAR(value(sampled.samples[0]), -(5.0 * 8.5 + 3.0) / 8.0, 1e-9) << predicts;
+    EXPECT_EQ(sampled.passes < 8 + 5, predicts);
+  }
+}
+
 TEST(FlowSampler, TrajectoryAndProgressWhenAskedFor) {
   const Tensor noise = torch::tensor({2.0}, torch::kFloat64), data = torch::tensor({-1.0}, torch::kFloat64);
   const Velocities flow = {[&](const Streams&, float) { return Streams{velocity_target(data, noise)}; }};

@@ -10,7 +10,7 @@ namespace anigen::engine {
 namespace {
 
 /// The runs of both flows, of which a folder has those that are not named.
-generate::FlowRuns runs_of(const GeneratorOptions& options, bool counts_joints) {
+generate::FlowRuns runs_of(const GeneratorOptions& options) {
   const generate::FlowRuns named{options.structure_flow, options.latent_flow};
   if (!named.structure.empty() && !named.latents.empty()) return named;
   // A flow of other weights knows neither the voxels nor the latents of the one that is named.
@@ -18,16 +18,15 @@ generate::FlowRuns runs_of(const GeneratorOptions& options, bool counts_joints) 
     throw InputError("", named.structure.empty() ? "--ss-flow" : "--slat-flow",
                      "name the runs of both flows, or the folder of both with --runs");
   }
-  return generate::find_flow_runs(options.runs.empty() ? generate::shipped_weights() : options.runs, counts_joints,
-                                  named);
+  return generate::find_flow_runs(options.runs.empty() ? generate::shipped_weights() : options.runs,
+                                  options.counts_joints, named);
 }
 
 }  // namespace
 
-generate::GenerateRequest generation_request(const GeneratorOptions& options, generate::GenerateRequest further,
-                                             bool counts_joints) {
+generate::GenerateRequest generation_request(const GeneratorOptions& options, generate::GenerateRequest further) {
   generate::GenerateRequest request = std::move(further);
-  const generate::FlowRuns runs = runs_of(options, counts_joints);
+  const generate::FlowRuns runs = runs_of(options);
   request.models.structure_flow = runs.structure;
   request.models.latent_flow = runs.latents;
   request.models.device = options.device;

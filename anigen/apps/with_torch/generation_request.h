@@ -7,10 +7,8 @@ namespace anigen::engine {
 /// Models, handling of images and colours by the options, those of a Generator and of anigen-generate; without
 /// matting (with_shipped_matting()).
 /// @param further what the library has no option for: auto-encoders, normals, finishing, files
-/// @param counts_joints the flow of latents must have been told numbers of joints, where a folder has several
 /// @throws InputError for an unknown word, or when runs are missing; it names the program's options
-generate::GenerateRequest generation_request(const GeneratorOptions& options, generate::GenerateRequest further = {},
-                                             bool counts_joints = false);
+generate::GenerateRequest generation_request(const GeneratorOptions& options, generate::GenerateRequest further = {});
 
 /// Sampling by the options, those of a Generator and of anigen-generate; without given voxels.
 /// @param further what the library has no option for: solver, intervals, several views

@@ -242,7 +242,8 @@ generate::GenerateRequest request_of(const GenerateArguments& arguments, const C
   engine::GenerateOptions sampling = arguments.sampling;
   sampling.seed = common.seed.value_or(sampling.seed);
   sampling.joints = wanted_joints(arguments);
-  generate::GenerateRequest request = engine::generation_request(models, {}, sampling.joints > 0);
+  models.counts_joints = sampling.joints > 0;
+  generate::GenerateRequest request = engine::generation_request(models);
   request.sampling = engine::sampling_options(sampling);
   set_models(arguments, request.models);
   set_sampling(arguments, request.sampling);
