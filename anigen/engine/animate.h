@@ -16,8 +16,9 @@ struct AnimateOptions {
   bool travel = false;  ///< walk, run, swim, fly and slither go forward
 };
 
-/// Clips for a rigged asset, in the order of the motions. @throws InputError for a motion that is unknown or that the
-/// body cannot do, which names those that it can; Interrupted
+/// Clips for a rigged asset, in the order of the motions. Their names differ from those of the asset's own clips: clear
+/// these first to replace them. @throws InputError for a motion that is unknown or that the body cannot do, which names
+/// those that it can, and for options out of their ranges; Interrupted
 std::vector<Animation> animate(const Asset& asset, const AnimateOptions& options = {}, Job* job = nullptr);
 
 /// Motions that are built in.
