@@ -256,7 +256,7 @@ void check_commands(const Experiment& experiment, const fs::path& out, const Pla
     if (end->status == 0) continue;
     const std::string line = last_line(program.log, 300);
     throw InputError(experiment.file.string(), "/steps/" + job.step,
-                     "for " + job.serves.front() + ": " + job.program + " says " +
+                     (job.serves.front().empty() ? "" : "for " + job.serves.front() + ": ") + job.program + " says " +
                          (line.empty() ? "nothing and ends with status " + std::to_string(end->status) : line) +
                          "\n  " + shell_line(job.command));
   }

@@ -57,8 +57,16 @@ TEST_F(ExperimentCommands, AnOptionThatIsRefusedShowsBeforeTheFirstJobRuns) {
   command.what = ExperimentCommand::What::kStatus;
   EXPECT_EQ(error_of([&] { run_experiment_command(command, false); }), "no error") << "a status asks no program";
 
-  std::filesystem::remove(folder_ / "refuse");
+  write("experiment.json",
+        R"({"title": "One", "steps": {"score": {"program": "anigen-eval", "args": {"--pred": "x"}}}})");
   command.what = ExperimentCommand::What::kRun;
+  EXPECT_NE(
+      error_of([&] { run_experiment_command(command, false); }).find("/steps/score: anigen-eval says error: --pred"),
+      std::string::npos)
+      << "one run has no name";
+  write("experiment.json", kTwoVariants);
+
+  std::filesystem::remove(folder_ / "refuse");
   run_experiment_command(command, false);
   EXPECT_EQ(calls("anigen-eval"), 4U);
 }
